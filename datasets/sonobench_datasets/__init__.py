@@ -1,0 +1,1 @@
+"""Data only: scenes, studies, pipelines (presets), reference values and licensed sound clips."""

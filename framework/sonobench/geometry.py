@@ -1,0 +1,54 @@
+"""Points, poses and delays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sonobench.types import Array, Floats, Ints, Sensor, Setup
+
+
+def place(pose: ArrayLike, points: ArrayLike) -> Array:
+    """Points (…, 3) of an array's frame in the room, by a homogeneous pose (4, 4)."""
+    pose = np.asarray(pose, float)
+    return np.asarray(points, float) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def pair_delays(points: Floats, elements: Array, pairs: Ints, c_m_s: float) -> Floats:
+    """tau = (|x − m_i| − |x − m_j|) / c, positive when i is farther.
+
+    Args:
+        points: (…, 3) m in the room.
+        elements: (k, 3) m in the room.
+        pairs: (P, 2) rows (i, j) of `elements`.
+
+    Returns:
+        (…, P) s.
+    """
+    distance = np.sqrt(np.sum((np.asarray(points)[..., None, :] - elements) ** 2, axis=-1))
+    return (distance[..., pairs[:, 0]] - distance[..., pairs[:, 1]]) / c_m_s
+
+
+def max_delay(elements: Array, pairs: Ints, c_m_s: float) -> Array:
+    """The largest |tau| of each pair (P,), its aperture over the speed of sound."""
+    return np.linalg.norm(elements[pairs[:, 0]] - elements[pairs[:, 1]], axis=-1) / c_m_s
+
+
+def sensor_delays(points: Floats, setup: Setup, sensor: int, pose: Array | None = None) -> Floats:
+    """Delays (…, dz) that a "tdoa" sensor of the setup would measure of points (…, 3) or (…, 2).
+
+    Points (…, 2) lie at the setup's nominal `height_m` (0 where it has none).
+    """
+    unit: Sensor = setup.sensors[sensor]
+    elements = place(setup.pose(unit) if pose is None else pose, unit.elements)
+    return pair_delays(lift(points, setup.nominal.get("height_m", 0.0)), elements, unit.pairs, setup.c_m_s)
+
+
+def lift(points: Any, height_m: float) -> Floats:
+    """Points (…, 2) or (…, 3) as (…, 3), planar ones at `height_m`."""
+    points = np.asarray(points, float)
+    if points.shape[-1] == 3:
+        return points
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), height_m)], axis=-1)

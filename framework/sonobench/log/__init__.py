@@ -1,0 +1,1 @@
+"""Recordings, scans and estimates on disk: the only importer of mcap."""

@@ -1,0 +1,333 @@
+"""The roles: what a component of each kind must be able to do.
+
+Structural: nothing is subclassed. A component is a frozen dataclass whose fields are its parameters; data reach it by
+`open`, `bind`, `init` and `setup`. A new role is one Protocol here and one line in `ROLES`.
+Batch axes come first, vectors in the last axis, matrices in the last two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sonobench.types import Array, Block, Bools, Estimate, Floats, Header, Ints, Scan, Setup, Space, Truth
+
+Complexes = NDArray[np.complexfloating[Any, Any]]
+State = Any  # each component's own immutable state; opaque to the framework, picklable
+
+
+@runtime_checkable
+class FrontEnd(Protocol):
+    """Samples (or recorded scans) → scans. Memory (averaging, noise floor) is its State.
+
+    Optional class attributes: `consumes` ("samples", the default, or "scans": step then gets the recording's Scans
+    instead of Blocks) and `causal` (default True; False marks one that reads ahead).
+    """
+
+    def open(self, header: Header) -> tuple[Setup, State]:
+        """The setup of all scans to come; SetupError where the recording lacks what this front end reads."""
+        ...
+
+    def step(self, state: State, block: Any) -> tuple[State, list[Scan]]:
+        """Take the next Block (any length, any array), return the scans that are complete."""
+        ...
+
+    def flush(self, state: State) -> list[Scan]:
+        """The scans that only the end of the recording completes."""
+        ...
+
+
+@runtime_checkable
+class Delay(Protocol):
+    """Spectra → generalised cross-correlations."""
+
+    def correlate(self, spectra: Complexes, pairs: Ints) -> Floats:
+        """One-sided spectra (…, mic, bin) of `2 (bin − 1)` samples, pairs (P, 2) → circular correlation (…, P, lag), zero lag first.
+
+        The peak of pair (i, j) lies at the lag by which i is later than j. Must be a function of its arguments only.
+        """
+        ...
+
+
+@runtime_checkable
+class Activity(Protocol):
+    """Says which frames hold voice."""
+
+    def start(self, rate_hz: float) -> State:
+        """State before the first frame."""
+        ...
+
+    def active(self, state: State, frames: Floats) -> tuple[State, Bools]:
+        """Frames (f, n, channels) in order → (state, (f,) bool)."""
+        ...
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """How targets move. `mode` (n,) int sits beside particles and components alike; dt_s is never assumed constant."""
+
+    @property
+    def space(self) -> Space:
+        """The state's coordinates."""
+        ...
+
+    @property
+    def n_modes(self) -> int:
+        """Number of motion modes, 1 for a single model."""
+        ...
+
+    def moments(self, x: Array, P: Array, mode: Ints, dt_s: float, memory: State = None) -> tuple[Array, Array]:
+        """Predicted means (n, d) and covariances (n, d, d) of Gaussians (n, d), (n, d, d)."""
+        ...
+
+    def sample(self, rng: np.random.Generator, x: Array, mode: Ints, dt_s: float, memory: State = None) -> tuple[Array, Ints]:
+        """Draw the next states and modes of particles (n, d)."""
+        ...
+
+    def log_density(self, x1: Array, x0: Array, mode: Ints, dt_s: float, memory: State = None) -> Array:
+        """log p(x1 | x0, mode) (n,); −inf off the support of a degenerate model."""
+        ...
+
+
+@runtime_checkable
+class BoundMeasurement(Protocol):
+    """A measurement model that knows the state space and the setup; `q` indexes Setup.sensors."""
+
+    @property
+    def sensors(self) -> tuple[int, ...]:
+        """The sensors that it reads."""
+        ...
+
+    @property
+    def n_modes(self) -> int:
+        """L, the detections that one target can cause at a sensor; 1 is the usual."""
+        ...
+
+    def h(self, x: Floats, q: int, pose: Array | None = None) -> Floats:
+        """Noise-free measurements (…, L, dz) of states (…, d); `pose` (4, 4) overrides the setup's."""
+        ...
+
+    def jacobian(self, x: Floats, q: int, pose: Array | None = None) -> Floats:
+        """dh/dx (…, L, dz, d)."""
+        ...
+
+    def residual(self, z: Floats, z_hat: Floats, q: int) -> Floats:
+        """z − ẑ in the sensor's space, wrapped where it is periodic."""
+        ...
+
+    def R(self, q: int, scan: Scan | None = None) -> Array:
+        """Noise covariance (dz, dz)."""
+        ...
+
+    def p_d(self, x: Floats, q: int, scan: Scan | None = None) -> Floats:
+        """Probability of detection (…, L)."""
+        ...
+
+    def log_clutter(self, z: Floats, q: int) -> Floats:
+        """log of the clutter intensity (…,), per unit of measurement space; −inf outside its support."""
+        ...
+
+
+@runtime_checkable
+class Measurement(Protocol):
+    """What sensors would measure of a state."""
+
+    def bind(self, space: Space, setup: Setup) -> BoundMeasurement:
+        """Look up names, sensors and nominal values once; SetupError where something is missing."""
+        ...
+
+
+@runtime_checkable
+class Transform(Protocol):
+    """How moments pass through a nonlinear function."""
+
+    def points(self, m: Array, P: Array) -> tuple[Array, Array]:
+        """Points (…, p, d) and weights (p,) of Gaussians (…, d), (…, d, d); for a linearisation p = 1."""
+        ...
+
+    def measure(self, m: Array, P: Array, measurement: BoundMeasurement, q: int, pose: Array | None = None) -> tuple[Array, Array, Array]:
+        """ẑ (…, dz), covariance of h (…, dz, dz) without R, cross-covariance (…, d, dz) of Gaussians through h."""
+        ...
+
+
+class Mixture(NamedTuple):
+    """Weighted Gaussians as arrays: w (J,), m (J, d), P (J, d, d), mode (J,)."""
+
+    w: Array
+    m: Array
+    P: Array
+    mode: Ints
+
+
+@runtime_checkable
+class Birth(Protocol):
+    """Where targets may appear.
+
+    Attribute `uses_scan`: True when proposals come from the scan's own measurements (which must then not be counted
+    twice: the tracker adds them after its update), False when they are a prior that goes through the update.
+    """
+
+    @property
+    def uses_scan(self) -> bool: ...
+
+    def start(self, space: Space, setup: Setup, measurement: BoundMeasurement) -> State:
+        """Memory before the first scan."""
+        ...
+
+    def propose(self, rng: np.random.Generator, memory: State, scan: Scan, live: Mixture) -> tuple[State, Mixture]:
+        """Born components; a particle tracker samples from them."""
+        ...
+
+
+@runtime_checkable
+class Tracker(Protocol):
+    """Scans → estimates. Optionally `run(rng, setup, scans) -> list[Estimate]` (a smoother; marked offline)."""
+
+    @property
+    def space(self) -> Space:
+        """Coordinates of Estimate.states."""
+        ...
+
+    def init(self, rng: np.random.Generator, setup: Setup) -> State:
+        """State before frame 1; SetupError where the setup lacks what the tracker needs."""
+        ...
+
+    def step(self, rng: np.random.Generator, state: State, scan: Scan) -> tuple[State, Estimate]:
+        """Advance by one scan; neither state nor scan is changed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One column of a metric.
+
+    Attributes:
+        values: (k,) per evaluation time; NaN only where `weights` is 0 (undefined at that time).
+        weights: (k,), 0 where the value does not count.
+        unit: "m", "1", …
+        better: which way is good.
+        pool: how values become a number over frames and runs. "mean": weighted mean; "rms": root of the weighted mean
+            of squares; "median"; "rate": the sum of values over the sum of weights; "frame-rms": rms over runs at each
+            frame, then the mean over frames.
+        worst: the value that stands in where the output is empty and the metric undefined, or None.
+        coverage: share of target time that the values speak of, in [0, 1]; 1 for a metric that is always defined.
+    """
+
+    values: Array
+    weights: Array
+    unit: str
+    better: Literal["lower", "higher"] = "lower"
+    pool: Literal["mean", "rms", "median", "rate", "frame-rms"] = "mean"
+    worst: float | None = None
+    coverage: float = 1.0
+
+
+@runtime_checkable
+class Metric(Protocol):
+    """Truth against estimates (or scans) → columns. Optional class attribute `reads`: "estimates" (default) or "scans"."""
+
+    def evaluate(self, truth: Truth, output: Sequence[Any], space: Space | None) -> Mapping[str, Series]:
+        """Columns by name: "" is the metric itself, "missed" becomes `gospa.missed`.
+
+        `output` is the list of Estimates in `space` (or Scans, with space None); an empty list is a failed trial.
+        """
+        ...
+
+
+@runtime_checkable
+class Sound(Protocol):
+    """What a source emits."""
+
+    def render(self, rng: np.random.Generator, duration_s: float, rate_hz: float) -> SoundSignal:
+        """A mono signal of that length and rate."""
+        ...
+
+
+class SoundSignal(NamedTuple):
+    """samples (n,) float64; band_hz (low, high) where it carries energy; licence and source for the provenance."""
+
+    samples: Array
+    band_hz: tuple[float, float]
+    provenance: Mapping[str, str]
+
+
+@runtime_checkable
+class Trajectory(Protocol):
+    """Where a source is."""
+
+    def position(self, time_s: Array) -> Array:
+        """(k, 3) m in the room at times (k,) since the source's start; holds still after its end."""
+        ...
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """Scene + seed → what a recording holds."""
+
+    def simulate(self, scene: Any, seed: int) -> Rendering:
+        """Render; a pure function of its arguments."""
+        ...
+
+
+class Rendering(NamedTuple):
+    """A recording in memory: header, blocks and scans in time order, truth, clean source signals, provenance."""
+
+    header: Header
+    blocks: Sequence[Block]
+    scans: Sequence[Scan]
+    truth: Truth
+    sources: Mapping[str, tuple[float, NDArray[np.float32]]]  # label → (rate_hz, samples (n,))
+    provenance: Mapping[str, Any]
+
+
+class PipelineLike(Protocol):
+    """A named entry of a board."""
+
+    front_end: FrontEnd
+    tracker: Tracker | None
+    given: tuple[str, ...]
+
+
+#: role name (as plugins and tables say it) → protocol
+ROLES: Mapping[str, type] = {
+    "front_end": FrontEnd,
+    "delay": Delay,
+    "activity": Activity,
+    "motion": Motion,
+    "measurement": Measurement,
+    "transform": Transform,
+    "birth": Birth,
+    "tracker": Tracker,
+    "metric": Metric,
+    "sound": Sound,
+    "trajectory": Trajectory,
+    "simulator": Simulator,
+    "pipeline": PipelineLike,
+}
+
+__all__ = [
+    "ROLES",
+    "Activity",
+    "Birth",
+    "BoundMeasurement",
+    "Delay",
+    "FrontEnd",
+    "Measurement",
+    "Metric",
+    "Mixture",
+    "Motion",
+    "PipelineLike",
+    "Rendering",
+    "Series",
+    "Simulator",
+    "Sound",
+    "SoundSignal",
+    "State",
+    "Tracker",
+    "Trajectory",
+    "Transform",
+]

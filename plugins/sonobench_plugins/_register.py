@@ -1,0 +1,80 @@
+"""What the bundled distribution registers; targets are strings, so that listing them imports none of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sonobench.hookspecs import hookimpl
+
+_HERE = "sonobench_plugins"
+
+
+def _gaussian_phd(transform: str) -> dict[str, Any]:
+    return {"use": "gm-phd", "transform": {"use": transform}}
+
+
+@hookimpl
+def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
+    return {
+        "front_end": {
+            "gcc-peaks": f"{_HERE}.front_end.gcc_peaks:GccPeaks",
+            "srp-peaks": f"{_HERE}.front_end.srp_peaks:SrpPeaks",
+            "recorded": f"{_HERE}.front_end.recorded:Recorded",
+        },
+        "delay": {"phat": f"{_HERE}.delay.phat:Phat"},
+        "activity": {"energy": f"{_HERE}.activity.energy:Energy", "always": f"{_HERE}.activity.always:Always"},
+        "motion": {
+            "langevin": f"{_HERE}.motion.langevin:Langevin",
+            "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
+        },
+        "measurement": {"tdoa": f"{_HERE}.measurement.tdoa:Tdoa"},
+        "transform": {
+            "linearised": f"{_HERE}.transform.linearised:Linearised",
+            "unscented": f"{_HERE}.transform.unscented:Unscented",
+            "cubature": f"{_HERE}.transform.cubature:Cubature",
+        },
+        "birth": {
+            "fixed": f"{_HERE}.birth.fixed:Fixed",
+            "given": f"{_HERE}.birth.given:Given",
+            "room": f"{_HERE}.birth.room:Room",
+            "from-detections": f"{_HERE}.birth.from_detections:FromDetections",
+        },
+        "tracker": {
+            "gm-phd": f"{_HERE}.tracker.gm_phd:GaussianMixturePhd",
+            "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",
+            "nobody": f"{_HERE}.tracker.nobody:Nobody",
+            "room-centre": f"{_HERE}.tracker.room_centre:RoomCentre",
+            "ek-phd": _gaussian_phd("linearised"),
+            "uk-phd": _gaussian_phd("unscented"),
+            "ck-phd": _gaussian_phd("cubature"),
+        },
+        "metric": {
+            "ospa": f"{_HERE}.metric.ospa:Ospa",
+            "gospa": f"{_HERE}.metric.gospa:Gospa",
+            "cardinality": f"{_HERE}.metric.cardinality:Cardinality",
+            "position-error": f"{_HERE}.metric.position_error:PositionError",
+        },
+        "sound": {
+            "clip": f"{_HERE}.sound.clip:Clip",
+            "white": f"{_HERE}.sound.noise:White",
+            "pink": f"{_HERE}.sound.noise:Pink",
+        },
+        "trajectory": {
+            "still": f"{_HERE}.trajectory.still:Still",
+            "line": f"{_HERE}.trajectory.line:Line",
+            "arc": f"{_HERE}.trajectory.arc:Arc",
+            "waypoints": f"{_HERE}.trajectory.waypoints:Waypoints",
+        },
+        "simulator": {
+            "image-method": f"{_HERE}.simulator.image_method:ImageMethod",
+            "measurements": f"{_HERE}.simulator.measurements:Measurements",
+            "pyroomacoustics": f"{_HERE}.simulator.pyroomacoustics_rooms:PyroomacousticsRooms",
+        },
+        "pipeline": {"pipeline": "sonobench.pipeline:Pipeline"},
+    }
+
+
+@hookimpl
+def sonobench_data() -> str:
+    return "sonobench_datasets"
