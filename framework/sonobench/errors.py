@@ -38,3 +38,7 @@ class LogError(SonobenchError):
 
 class SetupError(SonobenchError):
     """A component that lacks what it needs from a recording (a sensor kind, a field, a `given`); names both sides."""
+
+
+class UnavailableError(PluginError):
+    """A component that is registered but cannot be loaded here (a missing import, an error in its module)."""
