@@ -58,7 +58,7 @@ def build(target: type[T] | str, table: Any, registry: Registry, where: str = ""
     except Exception as error:  # cattrs wraps whatever a component's own __post_init__ raises
         faults = list(_faults(error, where))
         if all(isinstance(cause, UnavailableError) for _, cause in faults):
-            raise UnavailableError("\n".join(text for text, _ in faults)) from None
+            raise faults[0][1] from None
         raise TableError([text for text, _ in faults]) from None
 
 

@@ -41,4 +41,15 @@ class SetupError(SonobenchError):
 
 
 class UnavailableError(PluginError):
-    """A component that is registered but cannot be loaded here (a missing import, an error in its module)."""
+    """A component that is registered but cannot be loaded here (a missing import, an error in its module).
+
+    Attributes:
+        reason: why.
+    """
+
+    def __init__(self, role: str, name: str, reason: str) -> None:
+        self.role, self.name, self.reason = role, name, reason
+        super().__init__(f"{role} {name} is unavailable: {reason}")
+
+    def __reduce__(self) -> tuple[type[UnavailableError], tuple[str, str, str]]:
+        return type(self), (self.role, self.name, self.reason)

@@ -198,12 +198,15 @@ class Registry:
         return self._classes[key]
 
     def status(self, entry: Entry) -> str:
-        """ "ok", or the reason why it is unavailable; imports it."""
+        """ "ok", or why it is unavailable; imports the component, and for a preset the one it leads to."""
         try:
-            self.target(entry)
+            target = self.target(entry)
+            use = target.get("use") if isinstance(target, Mapping) else None
+            return self.status(self.entry(entry.role, use)) if use and use != entry.name else "ok"
         except UnavailableError as error:
-            return str(error)
-        return "ok"
+            return f"unavailable: {error.reason}"
+        except PluginError as error:
+            return f"unavailable: {error}"
 
     def name_of(self, role: str, component: type) -> str:
         """The name under which a class is registered, as short as is unambiguous.
@@ -297,7 +300,7 @@ def _resolve(entry: Entry) -> type | Mapping[str, Any]:
         try:
             target = getattr(importlib.import_module(module), name)
         except (Exception, SystemExit) as error:
-            raise UnavailableError(f"{entry.role} {entry.name} ({entry.plugin.distribution}) is unavailable: {_reason(error)}") from error
+            raise UnavailableError(entry.role, entry.full_name, _reason(error)) from error
     _check_role(entry, target)
     return target
 
@@ -308,7 +311,7 @@ def _preset_file(path: Path) -> Mapping[str, Any]:
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise UnavailableError(f"{path.name}: {error}") from error
+        raise UnavailableError("pipeline", path.stem, str(error)) from error
 
 
 def _check_role(entry: Entry, component: Any) -> None:
@@ -317,17 +320,17 @@ def _check_role(entry: Entry, component: Any) -> None:
 
     from sonobench.protocols import ROLES
 
-    who = f"{entry.role} {entry.name} ({entry.plugin.distribution})"
     if not isinstance(component, type) or not dataclasses.is_dataclass(component):
-        raise UnavailableError(f"{who} is unavailable: {component!r} is not a dataclass; write @dataclass(frozen=True) above it")
+        raise UnavailableError(entry.role, entry.full_name, f"{component!r} is not a dataclass; write @dataclass(frozen=True) above it")
     if not vars(component)["__dataclass_params__"].frozen:
-        raise UnavailableError(f"{who} is unavailable: {component.__name__} is not frozen; write @dataclass(frozen=True)")
+        raise UnavailableError(entry.role, entry.full_name, f"{component.__name__} is not frozen; write @dataclass(frozen=True)")
     fields = {f.name for f in dataclasses.fields(component)}
     protocol = ROLES[entry.role]
     needed = {n for n in vars(protocol) if not n.startswith("_")} | set(inspect.get_annotations(protocol))
     missing = sorted(n for n in needed if n not in fields and not hasattr(component, n))
     if missing:
-        raise UnavailableError(f"{who} is unavailable: {component.__name__} has no {', '.join(missing)}, which a {entry.role} needs")
+        lacking = f"{component.__name__} has no {', '.join(missing)}, which a {entry.role} needs"
+        raise UnavailableError(entry.role, entry.full_name, lacking)
 
 
 def _package_folder(package: Any) -> Path:

@@ -119,7 +119,7 @@ def test_all_faults_come_in_one_message(registry: Registry) -> None:
 
 
 def test_a_component_that_cannot_be_imported_is_unavailable_not_a_fault(registry: Registry) -> None:
-    with pytest.raises(UnavailableError, match=r"delay gone \(tests\) is unavailable: ModuleNotFoundError"):
+    with pytest.raises(UnavailableError, match=r"delay tests:gone is unavailable: ModuleNotFoundError"):
         build("delay", {"use": "gone"}, registry)
 
 

@@ -1,0 +1,136 @@
+"""`sonobench data`: scenes, recordings and what else is shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sonobench.cli.output import columns, emit, json_option, plugin_option
+
+
+@click.group()
+def data() -> None:
+    """List, make, describe and validate scenes and recordings."""
+
+
+_KINDS = {
+    "scenes": (".toml",),
+    "studies": (".toml",),
+    "pipelines": (".toml",),
+    "reference": (".toml",),
+    "clips": (".flac", ".wav"),
+    "recordings": (".mcap",),
+}
+
+
+@data.command("list")
+@plugin_option
+@json_option
+def list_(plugins: tuple[str, ...], as_json: bool) -> None:
+    """Everything that installed plugins ship, by kind and name."""
+    from sonobench.registry import Registry
+
+    registry = Registry.load(plugins)
+    rows = [
+        {"kind": kind, "name": name, "distribution": plugin.distribution}
+        for kind, suffixes in _KINDS.items()
+        for suffix in suffixes
+        for name, found in sorted(registry.data_files(kind, suffix).items())
+        for plugin, _ in found
+    ]
+    emit(rows, columns(rows, ["kind", "name", "distribution"]), as_json)
+
+
+@data.command()
+@click.argument("scene")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Noise, sounds and measurements are drawn from it.")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The .mcap file to write.")
+@plugin_option
+@json_option
+def make(scene: str, seed: int, out: Path, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Render SCENE (a name or a .toml file) to a recording."""
+    from sonobench.log import open_recording, write_recording
+    from sonobench.registry import Registry
+    from sonobench.scene import Scene
+
+    rendering = Scene.load(scene, Registry.load(plugins)).simulate(seed)
+    write_recording(out, rendering)
+    described = _described(open_recording(out))
+    emit(described, _text(described), as_json)
+
+
+@data.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@json_option
+def info(file: Path, as_json: bool) -> None:
+    """Describe a recording; reads no samples."""
+    from sonobench.log import open_recording
+
+    described = _described(open_recording(file), hashes=False)
+    emit(described, _text(described), as_json)
+
+
+@data.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@plugin_option
+@json_option
+def validate(file: Path, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Read a recording (.mcap), a scene or a study (.toml) to its end and report the first fault, or all faults of a table."""
+    from sonobench.errors import InputError
+    from sonobench.log import open_recording
+
+    if file.suffix == ".toml":
+        described = _validated_table(file, plugins)
+    elif file.suffix == ".mcap":
+        recording = open_recording(file)
+        described = _described(recording)
+        described["sample_blocks"] = sum(1 for _ in recording.blocks())
+        described["scans"] = sum(1 for _ in recording.scans())
+    else:
+        raise InputError(f"{file}: a recording ends in .mcap, a scene or study in .toml")
+    emit({**described, "valid": True}, _text(described) + "\nvalid", as_json)
+
+
+def _validated_table(file: Path, plugins: tuple[str, ...]) -> dict[str, Any]:
+    from sonobench.registry import Registry
+    from sonobench.scene import Scene, Study
+    from sonobench.tables import read_toml
+
+    table = read_toml(file)
+    if "pipelines" in table:
+        study = Study.load(str(file), plugins=plugins)
+        return {"study": str(file), "trials": len(study.plan())}
+    scene = Scene.load(str(file), Registry.load(plugins))
+    return {"scene": scene.name, "duration_s": scene.duration_s}
+
+
+def _described(recording: Any, hashes: bool = True) -> dict[str, Any]:
+    header, truth = recording.header, recording.truth
+    described: dict[str, Any] = {
+        "name": header.name,
+        "duration_s": header.duration_s,
+        "arrays": [f"{a.name}: {len(a.elements)} {a.kind}, {len(a.pairs)} pairs, {a.rate_hz:g} Hz" for a in header.arrays],
+        "sensors": [f"{s.name}: {s.kind}, {len(s.space)} components" for s in header.sensors],
+        "room_m": None if header.box_m is None else (header.box_m[1] - header.box_m[0]).tolist(),
+        "speed_of_sound_m_s": header.c_m_s,
+        "nominal": dict(header.nominal),
+        "given": sorted(header.given),
+        "targets": len(truth.label),
+        "evaluation_times": len(truth.time_s),
+    }
+    if hashes:
+        described |= {"input_sha": recording.input_sha, "truth_sha": recording.truth_sha, "content_sha": recording.content_sha}
+    return described
+
+
+def _text(described: dict[str, Any]) -> str:
+    width = max(map(len, described))
+    return "\n".join(f"{k.ljust(width)}  {_value(v)}" for k, v in described.items() if v not in (None, [], {}))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{k} = {v:g}" for k, v in value.items())
+    return "; ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,41 @@
+"""What verbs share: options, tables of text, JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def json_option(verb: F) -> F:
+    """`--json`: the same content as machine-readable JSON on stdout."""
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")(verb)
+
+
+def plugin_option(verb: F) -> F:
+    """`--plugin FILE`, repeatable."""
+    return click.option("--plugin", "plugins", multiple=True, type=click.Path(), metavar="FILE", help="Load a plugin file; repeatable.")(
+        verb
+    )
+
+
+def emit(content: Any, text: str, as_json: bool) -> None:
+    """Print the content as JSON, or the text."""
+    click.echo(json.dumps(content, indent=2, default=_plain) if as_json else text)
+
+
+def columns(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
+    """Rows as aligned text under their column names."""
+    cells = [list(names), *[["" if row.get(n) is None else str(row[n]) for n in names] for row in rows]]
+    widths = [max(len(r[i]) for r in cells) for i in range(len(names))]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in cells)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return dict(value)
+    return value.tolist() if hasattr(value, "tolist") else str(value)

@@ -1,0 +1,70 @@
+"""`sonobench plugins`: what is registered, and whether it is fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sonobench.cli.output import columns, emit, json_option, plugin_option
+
+
+@click.group()
+def plugins() -> None:
+    """List, show and check plugins."""
+
+
+@plugins.command("list")
+@click.option("--role", help="Only this role.")
+@plugin_option
+@json_option
+def list_(role: str | None, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Every component with its role, distribution, version and status."""
+    from sonobench.registry import Registry
+
+    registry = Registry.load(plugins)
+    rows = [
+        {"role": e.role, "name": e.name, "distribution": e.plugin.distribution, "version": e.plugin.version, "status": registry.status(e)}
+        for e in registry.entries(role)
+    ]
+    rows += [
+        {"role": "-", "name": p.name, "distribution": p.distribution, "version": p.version, "status": f"unavailable: {p.reason}"}
+        for p in registry.plugins
+        if p.reason
+    ]
+    emit(rows, columns(rows, ["role", "name", "distribution", "version", "status"]), as_json)
+
+
+@plugins.command()
+@click.argument("name")
+@click.option("--role", help="Where several roles use the name.")
+@plugin_option
+@json_option
+def show(name: str, role: str | None, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Parameters of NAME with types, units and defaults, and the paper it comes from."""
+    from sonobench.describe import describe, describe_text
+    from sonobench.errors import PluginError
+    from sonobench.protocols import ROLES
+    from sonobench.registry import Registry, did_you_mean
+
+    registry = Registry.load(plugins)
+    bare = name.rpartition(":")[2]
+    roles = [r for r in ROLES if role in (None, r) and any(e.name == bare for e in registry.entries(r))]
+    if not roles:
+        names = {e.name for e in registry.entries(role)}
+        raise PluginError(f"nothing is registered as {name!r}{did_you_mean(bare, names)}")
+    found = [describe(registry.entry(r, name), registry) for r in roles]
+    emit(found, "\n\n".join(map(describe_text, found)), as_json)
+
+
+@plugins.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@json_option
+def check(file: Path, as_json: bool) -> int:
+    """Put every component of a plugin FILE through the conformance kit."""
+    from sonobench.testing import check_file
+
+    findings = check_file(file)
+    rows = [{"component": f.component, "check": f.check, "result": f.result, "sentence": f.sentence} for f in findings]
+    emit(rows, columns(rows, ["component", "check", "result", "sentence"]), as_json)
+    return 3 if any(f.result == "failed" for f in findings) else 0

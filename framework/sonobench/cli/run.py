@@ -1,0 +1,119 @@
+"""`sonobench run` and `sonobench replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sonobench.cli.output import columns, emit, json_option, plugin_option
+
+
+@click.command()
+@click.argument("study")
+@click.option("--also", multiple=True, metavar="PIPELINE", help="Add a pipeline by name; repeatable.")
+@click.option("--only", multiple=True, metavar="PIPELINE", help="Run only this pipeline; repeatable.")
+@click.option("--repetitions", type=click.IntRange(min=1), help="Renderings a scene.")
+@click.option("--seed", type=click.IntRange(min=0), help="The study's seed.")
+@click.option("--jobs", type=click.IntRange(min=1), envvar="SONOBENCH_JOBS", help="Worker processes; default: the processors.")
+@click.option(
+    "--timeout", "timeout_s", type=click.FloatRange(min=0, min_open=True), envvar="SONOBENCH_TIMEOUT", help="Seconds a trial may take."
+)
+@click.option(
+    "--memory", "memory_mb", type=click.FloatRange(min=0, min_open=True), envvar="SONOBENCH_MEMORY", help="MB that a trial may hold."
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="The run's folder; default: runs/STUDY.")
+@click.option("--fresh", is_flag=True, help="Repeat what is already there.")
+@click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
+@plugin_option
+@json_option
+def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, **options: Any) -> int:
+    """Execute STUDY (a name or a .toml file) and print its board."""
+    from sonobench.scene import Study
+
+    selection = {k: options.pop(k) for k in ("also", "only", "repetitions", "seed")}
+    loaded = Study.load(study, plugins=plugins, **selection)
+    if dry_run:
+        rows = [
+            {"pipeline": t.pipeline, "scene": t.scene, "repetition": t.repetition, "run": t.run, "trial_key": t.trial_key}
+            for t in loaded.plan()
+        ]
+        emit(rows, columns(rows, ["pipeline", "scene", "repetition", "run", "trial_key"]), as_json)
+        return 0
+    finished = loaded.run(**options)
+    _print_boards(finished, as_json)
+    return 3 if finished.failed else 0
+
+
+def _print_boards(finished: Any, as_json: bool) -> None:
+    from sonobench.board import render
+
+    metrics = finished.metrics
+    if as_json:
+        import json
+
+        boards = {m: json.loads(render(finished.board(m), "json")) for m in metrics[:1]}
+        emit({"run": str(finished.path), "failed": finished.failed, "boards": boards}, "", True)
+        return
+    click.echo(render(finished.board(metrics[0]), "text") if metrics else f"{len(finished.trials)} trials, no metric asked for")
+    click.echo(f"\nrun folder: {finished.path}   (sonobench board {finished.path} --metric {{{','.join(metrics)}}})")
+    if finished.failed:
+        click.echo(columns(_failures(finished), ["pipeline", "scene", "repetition", "status", "message"]), err=True)
+
+
+def _failures(finished: Any) -> list[dict[str, Any]]:
+    bad = finished.trials[finished.trials["status"] != "ok"]
+    return [
+        {
+            "pipeline": row.pipeline,
+            "scene": row.scene,
+            "repetition": row.repetition,
+            "status": row.status,
+            "message": " ".join(str(row.exc_message or "").split())[:120],
+        }
+        for row in bad.itertuples()
+    ]
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--pipeline", required=True, help="A registered pipeline.")
+@click.option("--run", "run_number", type=click.IntRange(min=0), default=0, show_default=True, help="Which random numbers a tracker draws.")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the estimates to this .mcap file.")
+@plugin_option
+@json_option
+def replay(file: Path, pipeline: str, run_number: int, out: Path | None, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Replay a recording FILE through a pipeline; the same estimates, bit for bit, everywhere."""
+    import time
+
+    from sonobench.components import build, identity
+    from sonobench.log import estimates_sha, open_recording, write_estimates
+    from sonobench.pipeline import replay as replay_recording
+    from sonobench.registry import Registry
+
+    registry = Registry.load(plugins)
+    built = build("pipeline", pipeline, registry, "--pipeline")
+    recording = open_recording(file)
+    begin = time.perf_counter()
+    estimates = replay_recording(built, recording, run_number)
+    elapsed_s = time.perf_counter() - begin
+    meta = {
+        "pipeline": pipeline,
+        "pipeline_sha": identity(built, registry, "pipeline"),
+        "input_sha": recording.input_sha,
+        "run": run_number,
+    }
+    if out is not None:
+        write_estimates(out, estimates, built.tracker.space, meta)
+    counts = [len(e.states) for e in estimates]
+    content = {
+        **meta,
+        "estimates": len(estimates),
+        "mean_count": sum(counts) / max(len(counts), 1),
+        "estimates_sha": estimates_sha(estimates, built.tracker.space),
+        "seconds": round(elapsed_s, 3),
+        "times_real_time": round(recording.header.duration_s / elapsed_s, 1),
+        "out": None if out is None else str(out),
+    }
+    emit(content, "\n".join(f"{k.ljust(16)} {v}" for k, v in content.items() if v is not None), as_json)
