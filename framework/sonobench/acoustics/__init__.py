@@ -1,0 +1,1 @@
+"""Room acoustics on plain arrays: image sources, fractional delays, rendering along a path, reverberation."""
