@@ -27,6 +27,7 @@ _HOME = {
         ],
         "types",
     ),
+    "steered_power": "signal",
     **dict.fromkeys(["Mixture", "Rendering", "Series", "SoundSignal"], "protocols"),
     **dict.fromkeys(["InputError", "LogError", "PluginError", "SetupError", "SonobenchError", "TableError"], "errors"),
     **dict.fromkeys(["Pipeline", "replay"], "pipeline"),
@@ -36,7 +37,42 @@ _HOME = {
     **dict.fromkeys(["Run", "open_run"], "harness"),
 }
 
-__all__ = sorted(_HOME)
+__all__ = [
+    "Block",
+    "DelayTable",
+    "Detections",
+    "Estimate",
+    "Field",
+    "Header",
+    "InputError",
+    "LogError",
+    "MicArray",
+    "Mixture",
+    "Pipeline",
+    "PluginError",
+    "Recording",
+    "Registry",
+    "Rendering",
+    "Run",
+    "Scan",
+    "Scene",
+    "Sensor",
+    "Series",
+    "Setup",
+    "SetupError",
+    "SonobenchError",
+    "SoundSignal",
+    "Space",
+    "Study",
+    "TableError",
+    "Truth",
+    "hookimpl",
+    "identical",
+    "open_recording",
+    "open_run",
+    "replay",
+    "steered_power",
+]
 
 if TYPE_CHECKING:
     from sonobench.errors import InputError, LogError, PluginError, SetupError, SonobenchError, TableError
@@ -47,6 +83,7 @@ if TYPE_CHECKING:
     from sonobench.protocols import Mixture, Rendering, Series, SoundSignal
     from sonobench.registry import Registry
     from sonobench.scene import Scene, Study
+    from sonobench.signal import steered_power
     from sonobench.types import (
         Block,
         DelayTable,

@@ -1,0 +1,49 @@
+"""Starting costs nothing that a verb does not use."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("numpy", "scipy", "pandas", "pluggy", "numba", "mcap", "matplotlib", "pyarrow", "cattrs", "rich", "sonobench_plugins", "sonobench_datasets")
+
+
+def modules_after(arguments: list[str]) -> set[str]:
+    code = f"""
+import sys, io, contextlib, json
+from sonobench.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    try: main({arguments!r})
+    except SystemExit as stop: assert stop.code == 0, stop.code
+print(json.dumps(sorted({{m.split('.')[0] for m in sys.modules}})))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(json.loads(done.stdout))
+
+
+@pytest.mark.parametrize("verb", [[], ["run"], ["board"], ["report"], ["replay"], ["data"], ["data", "make"], ["plugins"], ["plugins", "check"]])
+def test_help_imports_no_numpy_pandas_pluggy_or_plugin(verb: list[str]) -> None:
+    assert not modules_after([*verb, "--help"]) & set(HEAVY)
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    code = "import sonobench, sys, json; print(json.dumps(sorted({m.split('.')[0] for m in sys.modules})))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(json.loads(done.stdout)) & set(HEAVY)
+
+
+def test_the_lazy_facade_offers_what_it_says() -> None:
+    import sonobench
+
+    assert sorted(sonobench._HOME) == sonobench.__all__
+    for name in sonobench.__all__:
+        assert getattr(sonobench, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = sonobench.nothing
+
+
+def test_listing_plugins_imports_no_pandas() -> None:
+    assert not modules_after(["data", "list"]) & {"pandas", "numba", "matplotlib"}
