@@ -1,0 +1,276 @@
+"""From a study to its trials: sweeps multiplied out, every component built, every fault collected."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sonobench.components import build, canonical_json, digest, overlay, to_table
+from sonobench.errors import PluginError, SonobenchError, TableError, UnavailableError
+from sonobench.harness.keys import seed_of, trial_key
+
+if TYPE_CHECKING:
+    from sonobench.pipeline import Pipeline
+    from sonobench.registry import Registry
+    from sonobench.scene.study import Study
+
+Path_ = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineEntry:
+    """One line of a board.
+
+    Attributes:
+        name: such as "mine[floor=0.05]".
+        table: full table, defaults included; as the user wrote it where the pipeline is unavailable.
+        swept: value by column (`p_*`).
+        distribution, version: who ships the pipeline that `use` names.
+        pipeline: built, or None.
+        reason: why it is unavailable, "" when it is not.
+    """
+
+    name: str
+    table: Mapping[str, Any]
+    swept: Mapping[str, Any]
+    distribution: str
+    version: str
+    pipeline: Pipeline | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What recordings come from: a scene to render, or a file.
+
+    Attributes:
+        name: the board's `scene` column.
+        swept: value by column (`p_*`).
+        scene: a Scene, or None for a file.
+        sha: digest of the scene's table and data files, or a file's input_sha.
+        home: the scene's name or path, or the file's path.
+        overrides: laid over the scene's table.
+        truth_sha: of a file; "" for a scene.
+    """
+
+    name: str
+    swept: Mapping[str, Any]
+    scene: Any
+    sha: str
+    home: str
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    truth_sha: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricEntry:
+    """A metric of the study: label (its columns' head), full table, built object."""
+
+    label: str
+    table: Mapping[str, Any]
+    metric: Any
+
+    @property
+    def sha(self) -> str:
+        """Identity of its table."""
+        return digest(self.table)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTrial:
+    """One pipeline on one recording with one run number.
+
+    Attributes:
+        trial_key: known before anything ran.
+        source, entry: what it puts together.
+        repetition: which rendering of a scene, or which run on a file.
+        run: the tracker's run number.
+        seed: the rendering's, None for a file.
+    """
+
+    trial_key: str
+    source: Source
+    entry: PipelineEntry
+    repetition: int
+    run: int
+    seed: int | None
+
+    @property
+    def pipeline(self) -> str:
+        """The entry's name."""
+        return self.entry.name
+
+    @property
+    def scene(self) -> str:
+        """The source's name."""
+        return self.source.name
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a study comes to; `faults` is empty in a plan that may be run."""
+
+    entries: tuple[PipelineEntry, ...]
+    sources: tuple[Source, ...]
+    metrics: tuple[MetricEntry, ...]
+    trials: tuple[PlannedTrial, ...]
+    columns: tuple[str, ...]
+    faults: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.trials)
+
+    def __iter__(self) -> Iterator[PlannedTrial]:
+        return iter(self.trials)
+
+
+def plan(study: Study) -> Plan:
+    """Every trial, in the order source, repetition, entry."""
+    where = f"{study.name}.toml:"
+    faults: list[str] = []
+    entries = tuple(_entries(study, where, faults))
+    sources = (*_scenes(study, where, faults), *_files(study, where, faults))
+    metrics = tuple(_metrics(study, where, faults))
+    trials = [
+        PlannedTrial(trial_key(source.sha, seed, {"name": entry.name, **entry.table}, run), source, entry, repetition, run, seed)
+        for source in sources
+        for repetition, run, seed in _repetitions(study, source)
+        for entry in entries
+    ]
+    columns = tuple(f"p_{'.'.join(path)}" for path in study.sweep)
+    return Plan(entries, sources, metrics, tuple(trials), columns, tuple(dict.fromkeys(faults)))
+
+
+def _repetitions(study: Study, source: Source) -> Iterator[tuple[int, int, int | None]]:
+    for repetition in range(study.repetitions):
+        if source.scene is not None:
+            yield repetition, 0, seed_of(study.seed, source.name, repetition)
+        else:
+            yield repetition, repetition, None
+
+
+def _entries(study: Study, where: str, faults: list[str]) -> Iterator[PipelineEntry]:
+    seen: set[str] = set()
+    for name, table in study.pipelines.items():
+        paths = {p: v for p, v in study.sweep.items() if p[:2] == ("pipelines", name)}
+        for swept in _products(paths):
+            changed = table
+            for path, value in swept.items():
+                changed = overlay(changed, _nested(path[2:], value))
+            full_name = name + _suffix(swept)
+            if full_name in seen:
+                faults.append(f"{where} pipelines.{name}: two swept values give the same entry {full_name}")
+            seen.add(full_name)
+            entry = _entry(full_name, name, changed, _columns(swept), study.registry, where, faults)
+            if entry is not None:
+                yield entry
+
+
+def _entry(
+    full_name: str, name: str, table: Mapping[str, Any], swept: Mapping[str, Any], registry: Registry, where: str, faults: list[str]
+) -> PipelineEntry | None:
+    try:
+        plugin = registry.entry("pipeline", str(table["use"])).plugin
+    except PluginError as error:
+        faults.append(f"{where} pipelines.{name}: {error}")
+        return None
+    try:
+        built = build("pipeline", table, registry, f"{where} pipelines.{name}")
+        full = to_table(built, registry, "pipeline")
+    except UnavailableError as error:
+        return PipelineEntry(full_name, dict(table), swept, plugin.distribution, plugin.version, None, str(error))
+    except TableError as error:
+        faults += error.faults
+        return None
+    return PipelineEntry(full_name, full, swept, plugin.distribution, plugin.version, built)
+
+
+def _scenes(study: Study, where: str, faults: list[str]) -> Iterator[Source]:
+    from sonobench.scene.scene import Scene
+
+    homes: dict[str, str] = {}
+    for home in study.scenes:
+        for swept in _products({p: v for p, v in study.sweep.items() if p[0] == "scene"}):
+            overrides: dict[str, Any] = {}
+            for path, value in swept.items():
+                overrides = overlay(overrides, _nested(path[1:], value))
+            try:
+                scene = Scene.load(home, study.registry, overrides)
+            except TableError as error:
+                faults += error.faults
+                continue
+            except SonobenchError as error:
+                faults.append(f"{where} scenes: {error}")
+                continue
+            if homes.setdefault(scene.name, home) != home:
+                faults.append(f"{where} scenes: {home} and {homes[scene.name]} are both named {scene.name!r}")
+            yield Source(scene.name, _columns(swept), scene, scene.digest(), home, overrides)
+
+
+def _files(study: Study, where: str, faults: list[str]) -> Iterator[Source]:
+    from sonobench.log import open_recording
+
+    names: dict[str, Path] = {}
+    for path in study.recordings:
+        if names.setdefault(path.stem, path) != path:
+            faults.append(f"{where} recordings: {path} and {names[path.stem]} are both named {path.stem!r}")
+        try:
+            recording = open_recording(path)
+            yield Source(path.stem, {}, None, recording.input_sha, str(path), truth_sha=recording.truth_sha)
+        except SonobenchError as error:
+            faults.append(f"{where} recordings: {error}")
+
+
+def _metrics(study: Study, where: str, faults: list[str]) -> Iterator[MetricEntry]:
+    built: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Any]] = []
+    for index, table in enumerate(study.metrics):
+        try:
+            metric = build("metric", table, study.registry, f"{where} metrics[{index}]")
+            built.append((str(table["use"]), table, to_table(metric, study.registry, "metric"), metric))
+        except TableError as error:
+            faults += error.faults
+        except PluginError as error:
+            faults.append(f"{where} metrics[{index}]: {error}")
+    uses = [use for use, *_ in built]
+    for use, own, full, metric in built:
+        settings = ",".join(f"{k}={_shown(v)}" for k, v in sorted(own.items()) if k != "use")
+        label = use if uses.count(use) == 1 or not settings else f"{use}[{settings}]"
+        yield MetricEntry(label, full, metric)
+    if len({canonical_json(full) for _, _, full, _ in built}) < len(built):
+        faults.append(f"{where} metrics: the same metric stands there twice")
+
+
+def _products(alternatives: Mapping[Path_, Sequence[Any]]) -> Iterator[dict[Path_, Any]]:
+    for values in itertools.product(*alternatives.values()):
+        yield dict(zip(alternatives, values, strict=True))
+
+
+def _nested(path: Path_, value: Any) -> dict[str, Any]:
+    for name in reversed(path):
+        value = {name: value}
+    return dict(value)
+
+
+def _columns(swept: Mapping[Path_, Any]) -> dict[str, Any]:
+    return {f"p_{'.'.join(path)}": value if isinstance(value, (int, float, str)) else _shown(value) for path, value in swept.items()}
+
+
+def _suffix(swept: Mapping[Path_, Any]) -> str:
+    """ "[floor=0.05]": each path by as few of its last names as tell it from the others."""
+    if not swept:
+        return ""
+    parts = []
+    for path, value in swept.items():
+        tail = next(n for n in range(1, len(path) + 1) if sum(p[-n:] == path[-n:] for p in swept) == 1)
+        parts.append(f"{'.'.join(path[-tail:])}={_shown(value)}")
+    return f"[{','.join(parts)}]"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, Mapping) and isinstance(value.get("use"), str):
+        rest = ",".join(f"{k}={_shown(v)}" for k, v in value.items() if k != "use")
+        return f"{value['use']}({rest})" if rest else value["use"]
+    return value if isinstance(value, str) else canonical_json(value)
