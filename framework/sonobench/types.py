@@ -406,7 +406,10 @@ class Detections(_Travels):
 class Field(Protocol):
     """A raw curve over the measurement space of its sensors, as arrays; may be negative; not a likelihood."""
 
-    unit: str
+    @property
+    def unit(self) -> str:
+        """Unit of the values, "1" where they have none."""
+        ...
 
     def at(self, z: Floats, sensor: Ints) -> Floats:
         """Values (…, q) at measurements z (…, q, dz) of the sensors (q,)."""

@@ -1,0 +1,39 @@
+"""Framing, correlation, peaks and steered power: signal maths that front ends share, bundled or not."""
+
+from sonobench.signal.correlation import TablePlan, cross_spectra, plan_tables, whitened
+from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push, window
+from sonobench.signal.peaks import local_maxima, pick, refine
+from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor
+from sonobench.signal.steering import grid, steered_power
+from sonobench.signal.stream import StreamState, TableFrame, TableStream, open_stream
+
+__all__ = [
+    "GROUP",
+    "Frames",
+    "Framing",
+    "Rig",
+    "StreamState",
+    "TableFrame",
+    "TablePlan",
+    "TableStream",
+    "Tail",
+    "WindowName",
+    "cross_spectra",
+    "drain",
+    "empty_tail",
+    "framing",
+    "grid",
+    "local_maxima",
+    "mean_square",
+    "open_stream",
+    "pair_sensors",
+    "pick",
+    "plan_tables",
+    "push",
+    "refine",
+    "rig",
+    "stack_sensor",
+    "steered_power",
+    "whitened",
+    "window",
+]

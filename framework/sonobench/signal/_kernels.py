@@ -1,0 +1,48 @@
+"""Loops that NumPy would run through memory several times (compiled on first use)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def unit_phase(x: Any, out: Any) -> None:  # pragma: no cover - compiled
+    """out = x / |x|, 0 where x is 0; both (n, bins) complex64."""
+    for a in range(x.shape[0]):
+        for b in range(x.shape[1]):
+            re, im = x[a, b].real, x[a, b].imag
+            power = re * re + im * im
+            scale = np.float32(1.0) / np.sqrt(power) if power > np.float32(0.0) else np.float32(0.0)
+            out[a, b] = complex(re * scale, im * scale)
+
+
+@njit(cache=True)
+def interpolate(circular: Any, reach: int, taps: Any, scale: float, out: Any) -> None:  # pragma: no cover - compiled
+    """Lags −reach … reach of circular correlations (n, lags) at `phases` points a lag, by FIR taps (phases, 2 half).
+
+    Tap t of phase f weighs the lag (t − half + 1) steps from the output's own; out is (n, 2 reach phases + 1).
+    """
+    phases, width = taps.shape
+    half, lags = width // 2, circular.shape[1]
+    line = np.empty(2 * reach + width, circular.dtype)
+    for row in range(circular.shape[0]):
+        for k in range(line.size):
+            line[k] = circular[row, (k - reach - half + 1) % lags]
+        for lag in range(2 * reach + 1):
+            for f in range(phases if lag < 2 * reach else 1):
+                total = np.float32(0.0)
+                for t in range(width):
+                    total += taps[f, t] * line[lag + t]
+                out[row, lag * phases + f] = total * scale
+
+
+@njit(cache=True)
+def look_up(tables: Any, column: Any, out: Any) -> None:  # pragma: no cover - compiled
+    """out (points,) = sum over pairs of tables (P, lags) at columns (P, points)."""
+    out[:] = 0.0
+    for p in range(column.shape[0]):
+        for g in range(column.shape[1]):
+            out[g] += tables[p, column[p, g]]
