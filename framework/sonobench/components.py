@@ -371,13 +371,17 @@ def _faults(error: BaseException, path: str) -> Any:
             near = did_you_mean(name, [*known, "use"]) or (f"; it has {known}" if known else "; it has none")
             yield f"{_join(path, name)}: {error.cl.__name__} has no such field{near}", error
     elif isinstance(error, KeyError):
-        yield f"{path}: is missing", error
+        yield _say(path, "is missing"), error
     elif isinstance(error, TableError):
         for fault in error.faults:
-            yield f"{path}: {fault}" if path else fault, error
+            yield _say(path, fault), error
     else:
         text = str(error) if isinstance(error, (ValueError, PluginError)) else f"{type(error).__name__}: {error}"
-        yield f"{path}: {text}" if path else text, error
+        yield _say(path, text), error
+
+
+def _say(path: str, text: str) -> str:
+    return f"{path.rstrip()} {text}" if path.endswith((":", ": ")) else f"{path}: {text}" if path else text
 
 
 def _step(note: Any, path: str) -> str:
