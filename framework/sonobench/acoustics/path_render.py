@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sonobench.acoustics.fractional_delay import LEAD, PHASES, TAPS, pulse_table
+from sonobench.acoustics.fractional_delay import LEAD, TAPS, pulse_table
 from sonobench.acoustics.image_sources import Lattice
 from sonobench.types import Array, Floats, read_only
 
@@ -26,17 +26,22 @@ class Path(NamedTuple):
     hop: int
 
 
-def path_at(times_s: Array, positions_m: Array, samples: int, rate_hz: float, step_s: float) -> Path:
-    """The path through positions (t, 3) at times (t,), straight between them and still outside, every `step_s`.
+def path_at(times_s: Array, positions_m: Array, samples: int, rate_hz: float, step_m: float) -> Path:
+    """The path through positions (t, 3) at times (t,), straight between them and still outside, in steps of `step_m`.
 
-    Times count from the first of `samples` samples. A source that never moves has a path of one node.
+    Times count from the first of `samples` samples; steps are equal in time, `step_m` long where the source is
+    fastest. A source that never moves has a path of one node.
+
+    Raises:
+        ValueError: no positions, or times that do not increase.
     """
     positions = read_only(positions_m, shape=(len(times_s), 3), name="positions_m")
     if not (len(positions) and np.isfinite(positions).all() and (np.diff(times_s) > 0).all()):
         raise ValueError(f"a path of {len(positions)} positions at times {times_s}; finite positions at increasing times are needed")
-    hop = max(1, round(step_s * rate_hz))
-    if (positions == positions[0]).all():
-        return Path(positions[:1], hop)
+    if len(positions) == 1 or (positions == positions[0]).all():
+        return Path(positions[:1], samples)
+    fastest = (np.linalg.norm(np.diff(positions, axis=0), axis=-1) / np.diff(times_s)).max()
+    hop = int(np.clip(step_m / fastest * rate_hz, 1, max(samples, 1)))
     at = np.arange(0, samples + hop, hop) / rate_hz
     return Path(np.stack([np.interp(at, times_s, axis) for axis in positions.T], axis=-1), hop)
 
@@ -79,7 +84,7 @@ def _responses(sign, offset, amplitude, runs, positions, mics, samples_per_m, ta
     square = np.empty((3, width))
     delay = np.empty(width)
     gain = np.empty(width)
-    end = out.shape[2] - TAPS
+    end = out.shape[2] - table.shape[1]
     scale = samples_per_m / (4.0 * math.pi)
     for k in range(positions.shape[0]):
         for m in range(mics.shape[0]):
@@ -102,14 +107,15 @@ def _responses(sign, offset, amplitude, runs, positions, mics, samples_per_m, ta
 
 @njit(cache=True)
 def _add_pulse(response, delay, gain, table):  # type: ignore[no-untyped-def]
+    taps = table.shape[1]  # no constants of another module: Numba's cache would not see them change
     whole = int(delay)
-    phase = (delay - whole) * PHASES
+    phase = (delay - whole) * (table.shape[0] - 1)
     row = int(phase)
     later = np.float32(gain * (phase - row))
     sooner = np.float32(gain) - later
     here, following = table[row], table[row + 1]
-    target = response[whole : whole + TAPS]
-    for tap in range(TAPS):
+    target = response[whole : whole + taps]
+    for tap in range(taps):
         target[tap] += sooner * here[tap] + later * following[tap]
 
 
