@@ -127,8 +127,11 @@ class BoundMeasurement(Protocol):
         """Probability of detection (…, L)."""
         ...
 
-    def log_clutter(self, z: Floats, q: int) -> Floats:
-        """log of the clutter intensity (…,), per unit of measurement space; −inf outside its support."""
+    def log_clutter(self, z: Floats, q: int, valid: Bools | None = None) -> Floats:
+        """log of the clutter intensity (…,), per unit of measurement space; −inf outside its support.
+
+        With `valid` (dz,) bool, of rows that have only these components: the intensity's marginal.
+        """
         ...
 
 

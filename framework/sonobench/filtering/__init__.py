@@ -1,0 +1,1 @@
+"""Pure filtering maths on arrays that several trackers, motions and births share."""

@@ -1,0 +1,54 @@
+"""What one scan says through one sensor, in an order that its rows' order cannot change."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sonobench.errors import InputError
+from sonobench.types import Array, Bools, Scan
+
+
+class Rows(NamedTuple):
+    """Measurements of one sensor: z (m, dz), R (m, dz, dz) or None (the model's), valid (m, dz)."""
+
+    z: Array
+    R: Array | None
+    valid: Bools
+
+
+def searched(scan: Scan, sensors: tuple[int, ...]) -> tuple[int, ...]:
+    """Those of `sensors` of which the scan holds evidence.
+
+    Raises:
+        InputError: the scan is of another setup.
+    """
+    if sensors and max(sensors) >= len(scan.searched):
+        raise InputError(f"the scan at {scan.time_s} s speaks of {len(scan.searched)} sensors, the setup of at least {max(sensors) + 1}")
+    return tuple(q for q in sensors if scan.searched[q])
+
+
+def rows_of(scan: Scan, sensor: int, dz: int) -> Rows:
+    """The scan's rows of one sensor, sorted by value; rows without a valid component are left out.
+
+    Raises:
+        InputError: rows of another dimension than the sensor's.
+    """
+    parts = [(g, np.flatnonzero(g.sensor == sensor)) for g in scan.detections]
+    parts = [(g, mine) for g, mine in parts if len(mine)]
+    if not parts:
+        return Rows(np.zeros((0, dz)), None, np.zeros((0, dz), bool))
+    if any(g.z.shape[1] != dz for g, _ in parts):
+        raise InputError(f"the scan at {scan.time_s} s has rows of {parts[0][0].z.shape[1]} components for sensor {sensor}, which has {dz}")
+    if len(parts) > 1:
+        raise InputError(f"the scan at {scan.time_s} s lists sensor {sensor} in {len(parts)} sets of detections; give it one")
+    group, mine = parts[0]
+    z = group.z[mine]
+    valid = np.ones(z.shape, bool) if group.valid is None else group.valid[mine]
+    z = np.where(valid, z, 0.0)
+    R = None if group.R is None else group.R[mine]
+    keys = [*z.T, *valid.T] if R is None else [*R.reshape(len(z), -1).T, *z.T, *valid.T]
+    order = np.lexsort(keys)
+    order = order[valid[order].any(axis=1)]
+    return Rows(z[order], None if R is None else R[order], valid[order])

@@ -1,0 +1,109 @@
+"""Gaussian mixtures as arrays of components: predict, prune, merge, cap, extract.
+
+Source: Vo & Ma 2006, "The Gaussian mixture probability hypothesis density filter", tables I to III.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sonobench.filtering.gaussian import definite, symmetric
+from sonobench.protocols import Mixture, Motion
+from sonobench.types import Array, Bools, Ints
+
+
+def empty(d: int) -> Mixture:
+    """No components of dimension d."""
+    return Mixture(np.zeros(0), np.zeros((0, d)), np.zeros((0, d, d)), np.zeros(0, np.int64))
+
+
+def union(*mixtures: Mixture) -> Mixture:
+    """The sum of intensities: all components, in order."""
+    w, m, P, mode = zip(*mixtures, strict=True)
+    return Mixture(np.concatenate(w), np.concatenate(m), np.concatenate(P), np.concatenate(mode))
+
+
+def take(mixture: Mixture, which: Ints | Bools) -> Mixture:
+    """The components of an index or mask."""
+    return Mixture(*(part[which] for part in mixture))
+
+
+def predict(mixture: Mixture, motion: Motion, p_s: float, dt_s: float) -> Mixture:
+    """Survivors after dt_s: weights times p_s, moments through the motion model (Vo & Ma 2006, eq. 24)."""
+    if len(mixture.w) == 0:
+        return mixture
+    m, P = motion.moments(mixture.m, mixture.P, mixture.mode, dt_s)
+    return Mixture(mixture.w * p_s, m, P, mixture.mode)
+
+
+def prune(mixture: Mixture, weight: float) -> Mixture:
+    """The components above `weight`; the mass of the others is lost (Vo & Ma 2006, table II)."""
+    return take(mixture, mixture.w > weight)
+
+
+def merge(mixture: Mixture, distance: float) -> Mixture:
+    """Join components to heavier ones of the same mode within a Mahalanobis `distance`, heaviest first, moments kept.
+
+    The distance of candidate i to the heaviest, j, is √((mᵢ − mⱼ)ᵀ Pᵢ⁻¹ (mᵢ − mⱼ)) in the candidate's own covariance
+    (Vo & Ma 2006, table II, whose U is its square). Equal weights keep their order. The sum of weights does not change.
+    """
+    n = len(mixture.w)
+    if n < 2:
+        return mixture
+    order = _falling(mixture.w)
+    label = _nearest(take(mixture, order), distance)
+    members = np.zeros((label.max() + 1, n))
+    members[label, np.arange(n)] = 1.0
+    w, m, P, mode = take(mixture, order)
+    total = members @ w
+    share = members * np.where(total[label] > 0, w, 1.0)  # a group without weight: the plain mean
+    share /= share.sum(axis=1, keepdims=True)
+    mean = share @ m
+    off = m - mean[label]
+    spread = P + off[:, :, None] * off[:, None, :]
+    d = m.shape[1]
+    joined = (share @ spread.reshape(n, d * d)).reshape(-1, d, d)
+    first = np.unique(label, return_index=True)[1]
+    return Mixture(total, mean, symmetric(joined), mode[first])
+
+
+def _falling(w: Array) -> Ints:
+    """Order by falling weight; equal weights keep theirs."""
+    return np.argsort(-w, kind="stable").astype(np.int64)
+
+
+def _nearest(mixture: Mixture, distance: float) -> Ints:
+    """Group number (n,) of components sorted by falling weight, groups numbered by their heaviest."""
+    n = len(mixture.w)
+    white = np.linalg.inv(np.linalg.cholesky(definite(mixture.P)))
+    images = white @ mixture.m.T  # image of every mean j in the metric of every candidate i: (i, d, j)
+    own = np.einsum("idi->id", images)
+    near = np.sum((images - own[:, :, None]) ** 2, axis=1) <= distance**2
+    near &= mixture.mode[:, None] == mixture.mode
+    label = np.full(n, -1, np.int64)
+    free = np.ones(n, bool)
+    groups = 0
+    for j in range(n):
+        if free[j]:
+            members = near[:, j] & free
+            members[j] = True
+            label[members] = groups
+            free &= ~members
+            groups += 1
+    return label
+
+
+def cap(mixture: Mixture, most: int) -> Mixture:
+    """At most `most` components, the heaviest; equal weights keep their order."""
+    if len(mixture.w) <= most:
+        return mixture
+    return take(mixture, np.sort(_falling(mixture.w)[:most]))
+
+
+def extract(mixture: Mixture, weight: float, copies: bool) -> Mixture:
+    """The components above `weight`, heaviest first; with `copies`, each as often as its weight rounds to (Vo & Ma 2006, table III)."""
+    order = _falling(mixture.w)
+    order = order[mixture.w[order] > weight]
+    if copies:
+        order = np.repeat(order, np.maximum(np.rint(mixture.w[order]).astype(np.int64), 1))
+    return take(mixture, order)

@@ -1,0 +1,57 @@
+"""Births where the recording says that targets may appear; its board entry is marked, for it was told.
+
+Source: Vo & Ma 2006, eq. 15.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sonobench.errors import SetupError
+from sonobench.filtering.kinematics import position_columns, variances
+from sonobench.protocols import BoundMeasurement, Mixture, State
+from sonobench.types import Scan, Setup, Space
+
+
+@dataclass(frozen=True)
+class Given:
+    """A Gaussian at every row of a `given` array, in every scan; memory is the mixture."""
+
+    name: str = "births"  #: the given array, (n, d) states, or (n, 2 or 3) positions born at rest
+    weight: float = 0.1  #: expected births a scan at each row
+    position_std_m: float = 0.1  #: spread of each position coordinate
+    velocity_std_m_s: float = 0.3  #: spread of each velocity coordinate
+
+    @property
+    def uses_scan(self) -> bool:
+        """A prior."""
+        return False
+
+    def start(self, space: Space, setup: Setup, measurement: BoundMeasurement) -> State:
+        """The mixture.
+
+        Raises:
+            SetupError: the array is not offered, or its rows fit neither states nor positions.
+        """
+        who = "birth given"
+        if self.name not in setup.given:
+            raise SetupError(f"{who} reads given {self.name!r}; the pipeline's setup offers {sorted(setup.given) or 'nothing'}")
+        rows = setup.given[self.name]
+        columns = position_columns(space, who)
+        if rows.ndim != 2 or rows.shape[1] not in (len(space), len(columns), 3):
+            raise SetupError(
+                f"{who}: given {self.name!r} has shape {rows.shape}; (n, {len(space)}) states or (n, {len(columns)}) are needed"
+            )
+        m = rows
+        if rows.shape[1] != len(space):
+            m = np.zeros((len(rows), len(space)))
+            m[:, columns] = rows[:, : len(columns)]
+        P = np.diag(variances(space, self.position_std_m, self.velocity_std_m_s, who))
+        n = len(m)
+        return Mixture(np.full(n, self.weight), m, np.tile(P, (n, 1, 1)), np.zeros(n, np.int64))
+
+    def propose(self, rng: np.random.Generator, memory: State, scan: Scan, live: Mixture) -> tuple[State, Mixture]:
+        """The same mixture."""
+        return memory, memory

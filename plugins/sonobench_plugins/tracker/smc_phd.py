@@ -1,0 +1,149 @@
+"""The bootstrap particle PHD filter (SMC-PHD).
+
+Source: Vo, Singh & Doucet 2005, "Sequential Monte Carlo methods for multitarget filtering with random finite sets", section
+III; the thesis of Liang 2016, chapter 4. Extraction by measurement: Zhao, Zheng & Liu 2010, also Ristic et al. 2010.
+Deviations: Liang prints Q as 4×4 beside a 4×2 gain and leaves R, births and clutter region open; here they are the models'.
+eq. 4-26 lacks its sum over particles. Instead of k-means, which needs a count and splits clutter evenly, extraction takes
+the balls of radius cluster_m that hold most weight, one after the other, as long as they hold more than extract_weight.
+A frame in which no sensor was searched only predicts, and nothing is born in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from sonobench.errors import SetupError
+from sonobench.filtering.evidence import searched
+from sonobench.filtering.gaussian import root
+from sonobench.filtering.kinematics import position_columns
+from sonobench.filtering.particles import Cloud, balls, empty_cloud, join, shared
+from sonobench.filtering.phd import reweigh
+from sonobench.filtering.resampling import systematic
+from sonobench.filtering.steps import Update, bound, elapsed, pose_of, survival
+from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State
+from sonobench.types import Array, Estimate, Scan, Setup, Space
+from sonobench_plugins.birth.from_detections import FromDetections
+from sonobench_plugins.measurement.tdoa import Tdoa
+from sonobench_plugins.motion.langevin import Langevin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParticleState:
+    """Posterior particles at a time, the birth's memory, and the models of the setup."""
+
+    time_s: float
+    cloud: Cloud
+    memory: State
+    measurement: BoundMeasurement
+    setup: Setup
+
+
+@dataclass(frozen=True)
+class ParticlePhd:
+    """Bootstrap SMC-PHD filter of one motion mode."""
+
+    motion: Motion = field(default_factory=Langevin)  #: how targets move
+    measurement: Measurement = field(default_factory=Tdoa)  #: what sensors measure of them
+    birth: Birth = field(default_factory=FromDetections)  #: where targets appear
+    p_s: float = 0.99  #: probability that a target survives one period (a scan, where scans have no period)
+    update: Update = "iterated"  #: "iterated" over any sensors; "stacked" insists on a single one
+    particles: int = 500  #: after resampling, for each expected target
+    most_particles: int = 4000  #: after resampling, in all
+    born_particles: int = 200  #: for each component that the birth proposes
+    extraction: Literal["balls", "measurement"] = "balls"  #: "measurement": the particles of each row with a share above extract_weight
+    extract_weight: float = 0.5  #: balls or rows above are reported
+    cluster_m: float = 0.4  #: radius of a ball
+    multiplicity: bool = True  #: report a ball as often as its weight rounds to
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.p_s <= 1:
+            raise ValueError(f"p_s is {self.p_s}; 0 to 1 is needed")
+        if self.update not in ("iterated", "stacked") or self.extraction not in ("balls", "measurement"):
+            raise ValueError(
+                f"update {self.update!r} must be 'iterated' or 'stacked', extraction {self.extraction!r} 'balls' or 'measurement'"
+            )
+        if min(self.particles, self.most_particles, self.born_particles) < 1 or not self.extract_weight > 0:
+            raise ValueError("numbers of particles must be at least 1 and extract_weight above 0")
+
+    @property
+    def space(self) -> Space:
+        """The motion model's."""
+        return self.motion.space
+
+    def init(self, rng: np.random.Generator, setup: Setup) -> ParticleState:
+        """Nobody, at the setup's start.
+
+        Raises:
+            SetupError: a model does not fit the setup or this filter.
+        """
+        model = bound(self.motion, self.measurement, setup, self.update, "smc-phd")
+        position_columns(self.space, "smc-phd")
+        if self.extraction == "measurement" and len(model.sensors) != 1:
+            raise SetupError(
+                f'smc-phd with extraction = "measurement" reads one sensor, measurement {type(self.measurement).__name__} '
+                f'reads {len(model.sensors)}; use extraction = "balls"'
+            )
+        memory = self.birth.start(self.space, setup, model)
+        return ParticleState(time_s=setup.start_s, cloud=empty_cloud(len(self.space)), memory=memory, measurement=model, setup=setup)
+
+    def step(self, rng: np.random.Generator, state: ParticleState, scan: Scan) -> tuple[ParticleState, Estimate]:
+        """Predict, update, extract, resample."""
+        dt_s = elapsed(state.time_s, scan)
+        heard = searched(scan, state.measurement.sensors)
+        memory, shares = state.memory, None
+        cloud = self._predict(rng, state, dt_s)
+        if heard and not self.birth.uses_scan:
+            memory, born = self.birth.propose(rng, memory, scan, _summary(cloud))
+            cloud = join(cloud, self._sampled(rng, born))
+        for q in heard:
+            z_hat = state.measurement.h(cloud.x, q, pose_of(state.setup, scan, q))[..., 0, :]
+            log_w, shares = reweigh(cloud.log_w, cloud.x, z_hat, scan, state.measurement, q)
+            cloud = cloud._replace(log_w=log_w)
+        found = self._extract(cloud, shares)
+        mass = float(np.exp(cloud.log_w).sum())
+        estimate = Estimate(scan.time_s, found.m, found.P, existence=found.w, count=mass, info={"particles": len(cloud.log_w)})
+        if heard:
+            cloud = self._resample(rng, cloud, mass)
+            if self.birth.uses_scan:  # the scan that proposes them must not confirm them too
+                memory, born = self.birth.propose(rng, memory, scan, found)
+                cloud = join(cloud, self._sampled(rng, born))
+        return ParticleState(time_s=scan.time_s, cloud=cloud, memory=memory, measurement=state.measurement, setup=state.setup), estimate
+
+    def _predict(self, rng: np.random.Generator, state: ParticleState, dt_s: float) -> Cloud:
+        cloud, p_s = state.cloud, survival(self.p_s, dt_s, state.setup.period_s)
+        if len(cloud.log_w) == 0 or p_s == 0:
+            return empty_cloud(len(self.space))
+        x, mode = self.motion.sample(rng, cloud.x, cloud.mode, dt_s)
+        return Cloud(cloud.log_w + np.log(p_s), x, mode)
+
+    def _sampled(self, rng: np.random.Generator, born: Mixture) -> Cloud:
+        """Particles of a birth mixture, born_particles for each component, of the component's weight together."""
+        J, d = born.m.shape
+        noise = rng.standard_normal((J, self.born_particles, d)) @ np.swapaxes(root(born.P), -1, -2)
+        kept = born.w > 0
+        log_w = np.log(born.w[kept] / self.born_particles)
+        x = (born.m[:, None] + noise)[kept].reshape(-1, d)
+        return Cloud(np.repeat(log_w, self.born_particles), x, np.repeat(born.mode[kept], self.born_particles))
+
+    def _extract(self, cloud: Cloud, shares: Array | None) -> Mixture:
+        if self.extraction == "measurement" and shares is not None:
+            return shared(cloud, shares, self.extract_weight)
+        columns = position_columns(self.space, "smc-phd")
+        return balls(cloud, columns, self.cluster_m, self.extract_weight, self.multiplicity)
+
+    def _resample(self, rng: np.random.Generator, cloud: Cloud, mass: float) -> Cloud:
+        """Equal weights that keep the mass, `particles` for each expected target, at least for one."""
+        if mass <= 0:
+            return empty_cloud(len(self.space))
+        n = min(max(round(self.particles * mass), self.particles), self.most_particles)
+        chosen = systematic(rng, np.exp(cloud.log_w), n)
+        return Cloud(np.full(n, np.log(mass / n)), cloud.x[chosen], cloud.mode[chosen])
+
+
+def _summary(cloud: Cloud) -> Mixture:
+    """Particles as components without spread: what a birth may look at."""
+    n, d = cloud.x.shape
+    return Mixture(np.exp(cloud.log_w), cloud.x, np.zeros((n, d, d)), cloud.mode)

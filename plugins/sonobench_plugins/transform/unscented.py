@@ -1,0 +1,50 @@
+"""The scaled unscented transform: 2 d + 1 points.
+
+lambda = alpha² (d + kappa) − d; points m and m ± √(d + lambda) · columns of a root of P.
+Source: Julier 2002, "The scaled unscented transformation"; Wan & van der Merwe 2000; Vo & Ma 2006, table IV.
+With alpha = 1, beta = 0, kappa = 0 the central point has no weight and the transform is `Cubature`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sonobench.filtering.points import spread, weighted_moments
+from sonobench.protocols import BoundMeasurement
+from sonobench.types import Array
+
+
+@dataclass(frozen=True)
+class Unscented:
+    """Moments from sigma points."""
+
+    alpha: float = 1.0  #: scale of the points' spread
+    beta: float = 2.0  #: weight added to the central point's covariance; 2 suits a Gaussian
+    kappa: float = 0.0  #: second scale; d + kappa must be above 0
+
+    def __post_init__(self) -> None:
+        if not self.alpha > 0:
+            raise ValueError(f"alpha is {self.alpha}; above 0 is needed")
+
+    def _scale(self, d: int) -> float:
+        scale = self.alpha**2 * (d + self.kappa)
+        if not scale > 0:
+            raise ValueError(f"kappa is {self.kappa} for a state of {d} dimensions; above {-d} is needed")
+        return scale
+
+    def points(self, m: Array, P: Array) -> tuple[Array, Array]:
+        """m and m ± √(d + lambda) · columns, (…, 2 d + 1, d), and the weights of a mean."""
+        d = np.shape(m)[-1]
+        scale = self._scale(d)
+        x = np.concatenate([np.asarray(m)[..., None, :], spread(m, P, np.sqrt(scale))], axis=-2)
+        return x, np.concatenate([[1 - d / scale], np.full(2 * d, 0.5 / scale)])
+
+    def measure(self, m: Array, P: Array, measurement: BoundMeasurement, q: int, pose: Array | None = None) -> tuple[Array, Array, Array]:
+        """ẑ, covariance and cross-covariance of the points' images, without R."""
+        x, w = self.points(m, P)
+        w_cov = w.copy()
+        w_cov[0] += 1 - self.alpha**2 + self.beta
+        z = measurement.h(x, q, pose)[..., 0, :]
+        return weighted_moments(x, z, m, w, w_cov, lambda a, b: measurement.residual(a, b, q))
