@@ -28,7 +28,7 @@ from sonobench.types import Estimate, Floats, Space, Truth
 class Gospa:
     """GOSPA per frame with its localisation, missed and false parts; the trial's number is the mean over frames."""
 
-    p: float = 2.0  #: order, 1 or more
+    p: float = 2.0  #: order, 1 to 32
     c_m: float = 1.0  #: cut-off, in the unit of the compared components (m for positions)
     alpha: float = 2.0  #: price of an absent target is c^p / alpha, in (0, 2]; below 2 a pair beyond the cut-off stays a pair
     components: tuple[str, ...] | None = None  #: state names to compare; None is the position
@@ -36,8 +36,8 @@ class Gospa:
     hold_s: float | None = None  #: how long an estimate stands; None is 1.5 periods
 
     def __post_init__(self) -> None:
-        if not (self.p >= 1 and math.isfinite(self.p)):
-            raise InputError(f"gospa: p is {self.p}; 1 or more, and finite, is needed")
+        if not 1 <= self.p <= 32:  # beyond, powers of small errors fall out of the range of a float
+            raise InputError(f"gospa: p is {self.p}; it lies in [1, 32]")
         if not (self.c_m > 0 and math.isfinite(self.c_m)):
             raise InputError(f"gospa: c_m is {self.c_m}; a positive cut-off is needed")
         if not 0 < self.alpha <= 2:

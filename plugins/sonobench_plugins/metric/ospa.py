@@ -59,10 +59,19 @@ def ospa(distances: Floats, c: float, p: float) -> tuple[float, float, float]:
     if math.isinf(p):
         localisation, cardinality = bottleneck(cut), c if large > small else 0.0
         return max(localisation, cardinality), localisation, cardinality
-    powers = (cut / c) ** p  # in units of c, so that a large p cannot overflow
-    near = float(powers[linear_sum_assignment(powers)].sum()) / large
-    absent = (large - small) / large
-    return c * (near + absent) ** (1 / p), c * near ** (1 / p), c * absent ** (1 / p)
+    scale = c if p <= 32 else bottleneck(cut)  # of a large p only costs near the largest matched one stay above 0
+    localisation = scale * _least_power_mean(cut / scale, p, large) if scale > 0 else 0.0
+    cardinality = c * ((large - small) / large) ** (1 / p)
+    top = max(localisation, cardinality)
+    whole = top * ((localisation / top) ** p + (cardinality / top) ** p) ** (1 / p) if top > 0 else 0.0
+    return whole, localisation, cardinality
+
+
+def _least_power_mean(cost: Array, p: float, size: int) -> float:
+    """(least Σ cost^p over assignments / size)^(1/p); what exceeds the number of pairs cannot be part of it."""
+    with np.errstate(over="ignore"):
+        powers = np.minimum(cost**p, 2.0 * size)
+    return float(powers[linear_sum_assignment(powers)].sum() / size) ** (1 / p)
 
 
 def bottleneck(cost: Array) -> float:
