@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -120,31 +120,43 @@ def _add_pulse(response, delay, gain, table):  # type: ignore[no-untyped-def]
 
 
 def render_path(lattice: Lattice, signal: Array, path: Path, mics_m: Array, rate_hz: float, c_m_s: float) -> Array:
-    """What microphones receive of a source that emits `signal` on its way.
-
-    The response of each node of the path acts on what the source emits around that node. Between nodes, responses are
-    interpolated by Lagrange's polynomial through the nearest `POINTS` nodes: without steps, with the Doppler shift of
-    a moving source, and exact where it stands still.
-
-    Args:
-        signal: (n,) pressure at 1 m times 4 pi.
-        path: where the source is, in the lattice's box.
-        mics_m: (M, 3).
+    """What microphones (M, 3) receive of a source that emits `signal` (n,) along a path in the lattice's box.
 
     Returns:
-        (n, M) Pa, from the signal's first sample on; what arrives after its end is cut.
+        (n, M), from the signal's first sample on; what arrives after its last is cut.
+
+    Raises:
+        ValueError: a microphone lies on the path.
     """
     mics = read_only(mics_m, shape=(None, 3), name="mics_m")
     length = response_length(lattice, path.positions_m, mics, rate_hz, c_m_s)
+    return along_path(signal, path, lambda at: impulse_responses(lattice, at, mics, rate_hz, c_m_s, length), LEAD)
+
+
+def along_path(signal: Array, path: Path, respond: Callable[[Array], Floats], lead: int) -> Array:
+    """A signal through responses that change along a path, whoever computes them.
+
+    The response of each node acts on what the source emits around that node. Between nodes, responses are interpolated
+    by Lagrange's polynomial through the nearest `POINTS` nodes: without steps, with the Doppler shift of a moving
+    source, and exact where it stands still. Silent stretches cost nothing.
+
+    Args:
+        signal: (n,).
+        path: nodes are every `hop` samples.
+        respond: positions (k, 3) → responses (k, M, l).
+        lead: sample of a response that is its time zero.
+
+    Returns:
+        (n, M).
+    """
     signal = np.asarray(signal, np.float32)
-    out = np.zeros((len(signal), len(mics)))
     nodes = list(_windowed(signal, path))
+    out = np.zeros((len(signal), respond(path.positions_m[:0]).shape[1]))
     for i in range(0, len(nodes), _BATCH):
         batch = nodes[i : i + _BATCH]
-        positions = np.array([path.positions_m[j] for j, _, _ in batch])
-        responses = impulse_responses(lattice, positions, mics, rate_hz, c_m_s, length)
+        responses = respond(path.positions_m[[j for j, _, _ in batch]])
         for response, (_, start, piece) in zip(responses, batch, strict=True):
-            _overlap_add(out, _convolve(piece, response), start - LEAD)
+            _overlap_add(out, _convolve(piece, response), start - lead)
     return out
 
 
