@@ -1,0 +1,14 @@
+"""The conformance kit: puts a component through every claim that its role makes.
+
+    from sonobench.testing import check
+    findings = check(MyTracker(), "tracker")
+
+`CHECKS` is the one table of what is checked. Every signal, setup and scan is synthetic and made here.
+"""
+
+from __future__ import annotations
+
+from sonobench.testing import front_ends, general, metrics, models, scenes, signals, trackers  # noqa: F401  (they fill CHECKS)
+from sonobench.testing.kit import CHECKS, Check, Finding, check, check_file
+
+__all__ = ["CHECKS", "Check", "Finding", "check", "check_file"]

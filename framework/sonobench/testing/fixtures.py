@@ -1,0 +1,292 @@
+"""What components are tried on: a room of 4 × 3 × 2.5 m with four microphone pairs on its walls and two walking talkers.
+
+Numpy only. Every array that is handed out is fresh and, where its type makes it so, read-only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sonobench.geometry import lift, pair_delays
+from sonobench.types import Array, Block, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
+
+BOX_M = np.array([[0.0, 0.0, 0.0], [4.0, 3.0, 2.5]])
+HEIGHT_M = 1.2
+C_M_S = 343.0
+PERIOD_S = 0.1
+RATE_HZ = 16000.0
+DELAY_STD_S = 4e-5
+PAIRS = np.array([[0, 1], [2, 3], [4, 5], [6, 7]])
+NOMINAL = {"p_d": 0.95, "clutter_per_scan": 0.5, "delay_std_s": DELAY_STD_S, "height_m": HEIGHT_M, "count": 2.0}
+_ON_WALLS = np.array(
+    [[0.05, 1.2], [0.05, 1.8], [3.95, 1.2], [3.95, 1.8], [1.7, 0.05], [2.3, 0.05], [1.7, 2.95], [2.3, 2.95]],
+)
+_HEIGHTS = np.array([0.9, 1.5, 1.6, 0.9, 1.0, 1.5, 1.5, 0.8])
+
+
+def microphones(planar: bool = False) -> Array:
+    """(8, 3) m; all at the talkers' height, or spread around it."""
+    heights = np.full(8, HEIGHT_M) if planar else _HEIGHTS
+    return np.column_stack([_ON_WALLS, heights])
+
+
+def sensors(grouping: str, planar: bool = False) -> tuple[Sensor, ...]:
+    """ "pairs": four sensors of one delay; "stack": one of four; "both": the stack and then the pairs."""
+    mics = microphones(planar)
+    stack = Sensor("stack", "walls", "tdoa", mics, Space(tuple(f"tau{p}_s" for p in range(4))), PAIRS)
+    pairs = tuple(Sensor(f"pair-{p}", "walls", "tdoa", mics[ij], Space.of("tau_s"), np.array([[0, 1]])) for p, ij in enumerate(PAIRS))
+    return {"pairs": pairs, "stack": (stack,), "both": (stack, *pairs)}[grouping]
+
+
+def setup(grouping: str = "pairs", planar: bool = False) -> Setup:
+    """What a tracker is told; everything that the recording gives is given."""
+    return Setup(
+        sensors=sensors(grouping, planar),
+        array_names=("walls",),
+        poses=np.eye(4)[None],
+        period_s=PERIOD_S,
+        c_m_s=C_M_S,
+        rate_hz=RATE_HZ,
+        box_m=BOX_M,
+        reflections=np.full(6, 0.6),
+        nominal=NOMINAL,
+        given=given(),
+    )
+
+
+def foreign_setup() -> Setup:
+    """The same room, whose only sensor is of a kind that nobody reads."""
+    nose = Sensor("nose-0", "walls", "odour", np.zeros((1, 3)), Space.of("strength_1"))
+    return dataclasses.replace(setup(), sensors=(nose,))
+
+
+def given() -> dict[str, Array]:
+    """What a scene may hand out: where and when the two talkers start, and how many there are."""
+    starts = talkers(np.zeros(1))[0]
+    return {
+        "births": np.concatenate([starts, np.full((2, 1), 0.5)], axis=1),
+        "starts": starts,
+        "source_count": np.array([2.0]),
+    }
+
+
+def talkers(time_s: Array) -> Array:
+    """(k, 2, 3) m: two talkers who walk straight on for ten seconds."""
+    start = np.array([[1.0, 0.9, HEIGHT_M], [3.0, 2.1, HEIGHT_M]])
+    velocity = np.array([[0.15, 0.1, 0.0], [-0.15, -0.08, 0.0]])
+    return np.asarray(start + np.asarray(time_s)[:, None, None] * velocity)
+
+
+def regular(k: int, period_s: float = PERIOD_S) -> Array:
+    """k scan times."""
+    return np.asarray(period_s * np.arange(1, k + 1), float)
+
+
+def scan(setup: Setup, time_s: float, points: Array, rng: np.random.Generator, clutter: int = 1, noise_s: float = DELAY_STD_S / 2) -> Scan:
+    """What every "tdoa" sensor of a setup measures of points (n, 3), and `clutter` false rows a sensor, in no order."""
+    groups: dict[int, list[tuple[int, Array]]] = {}
+    for q, unit in enumerate(setup.sensors):
+        true = pair_delays(lift(points, HEIGHT_M), unit.elements, unit.pairs, setup.c_m_s)
+        limit = np.linalg.norm(unit.elements[unit.pairs[:, 0]] - unit.elements[unit.pairs[:, 1]], axis=-1) / setup.c_m_s
+        seen = np.clip(true + noise_s * rng.standard_normal(true.shape), -limit, limit)
+        rows = np.concatenate([seen, rng.uniform(-limit, limit, (clutter, len(limit)))])
+        groups.setdefault(len(limit), []).append((q, rng.permutation(rows)))
+    detections = tuple(
+        Detections(np.concatenate([z for _, z in group]), np.concatenate([np.full(len(z), q) for q, z in group]))
+        for group in groups.values()
+    )
+    return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections)
+
+
+def scans(
+    setup: Setup, times_s: Sequence[float] | Array, clutter: int = 1, truth_times_s: Array | None = None, seed: int = 1
+) -> list[Scan]:
+    """Scans of the two talkers; `truth_times_s` says when the talkers were where they are seen (default: at the scans)."""
+    rng = np.random.default_rng(seed)
+    where = talkers(np.asarray(times_s if truth_times_s is None else truth_times_s))
+    return [scan(setup, t, points, rng, clutter) for t, points in zip(times_s, where, strict=True)]
+
+
+def silent(setup: Setup, time_s: float, searched: bool) -> Scan:
+    """A scan without rows: a miss of everything where searched, no evidence where not."""
+    return Scan(float(time_s), np.full(len(setup.sensors), searched))
+
+
+def permuted(scan: Scan, rng: np.random.Generator) -> Scan:
+    """The same scan with the rows of every set in another order."""
+
+    def shuffled(group: Detections) -> Detections:
+        order = rng.permutation(len(group))
+        kept = {n: None if getattr(group, n) is None else getattr(group, n)[order] for n in ("R", "score", "valid")}
+        return Detections(group.z[order], group.sensor[order], **kept)
+
+    return dataclasses.replace(scan, detections=tuple(shuffled(g) for g in scan.detections))
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryRecording:
+    """A recording that was never written: what `Pipeline` and front ends read of one."""
+
+    header: Header
+    _blocks: tuple[Block, ...] = ()
+    _scans: tuple[Scan, ...] = ()
+    input_sha: str = "synthetic"
+
+    def blocks(self) -> Iterator[Block]:
+        """Samples in time order."""
+        return iter(self._blocks)
+
+    def scans(self) -> Iterator[Scan]:
+        """Recorded scans in time order."""
+        return iter(self._scans)
+
+
+def samples(duration_s: float = 1.2, sounding: tuple[float, float] = (0.0, 1.2), seed: int = 3) -> Array:
+    """(n, 8) of one talker who stands at `talkers(0)[0, 0]` and hisses, over faint sensor noise; float64."""
+    rng = np.random.default_rng(seed)
+    n = round(duration_s * RATE_HZ)
+    time_s = np.arange(n) / RATE_HZ
+    spectrum = np.fft.rfft(rng.standard_normal(n) * ((time_s >= sounding[0]) & (time_s < sounding[1])))
+    distance = np.linalg.norm(microphones() - talkers(np.zeros(1))[0, 0], axis=1)
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1 / RATE_HZ) * distance[:, None] / C_M_S)
+    received = np.fft.irfft(spectrum * turn / distance[:, None], n).T
+    return np.asarray(0.1 * received + 1e-4 * rng.standard_normal((n, 8)))
+
+
+def cut(samples: Array, lengths: Sequence[int]) -> tuple[Block, ...]:
+    """Blocks of these lengths, over and over, until the samples are used up."""
+    blocks: list[Block] = []
+    first = 0
+    while first < len(samples):
+        n = lengths[len(blocks) % len(lengths)]
+        blocks.append(Block("walls", first, samples[first : first + n].astype(np.float32)))
+        first += n
+    return tuple(blocks)
+
+
+def sampled(signal: Array | None = None, lengths: Sequence[int] = (1600,)) -> MemoryRecording:
+    """A recording of samples."""
+    signal = samples() if signal is None else signal
+    array = MicArray("walls", "microphones", microphones(), RATE_HZ, PAIRS)
+    return MemoryRecording(_header(len(signal) / RATE_HZ, (array,), ()), cut(signal, lengths))
+
+
+def measured(k: int = 12) -> MemoryRecording:
+    """A recording of scans without samples."""
+    told = setup("pairs")
+    header = dataclasses.replace(_header(k * PERIOD_S, (), told.sensors), period_s=PERIOD_S)
+    return MemoryRecording(header, (), tuple(scans(told, regular(k))))
+
+
+def _header(duration_s: float, arrays: tuple[MicArray, ...], sensors: tuple[Sensor, ...]) -> Header:
+    return Header(
+        name="synthetic",
+        arrays=arrays,
+        poses=np.eye(4)[None],
+        sensors=sensors,
+        array_names=("walls",),
+        duration_s=duration_s,
+        c_m_s=C_M_S,
+        box_m=BOX_M,
+        reflections=np.full(6, 0.6),
+        band_hz=np.array([0.0, RATE_HZ / 2]),
+        nominal=NOMINAL,
+        given=given(),
+    )
+
+
+def truth(k: int = 10) -> Truth:
+    """The two talkers at regular times, sounding throughout."""
+    times_s = regular(k)
+    there = np.ones((k, 2), bool)
+    velocity = np.gradient(talkers(times_s), times_s, axis=0)
+    return Truth(times_s, np.array([1, 2]), talkers(times_s), there, there, velocity=velocity, period_s=PERIOD_S)
+
+
+def nobody(k: int = 10) -> Truth:
+    """Truth without targets."""
+    none: Any = np.zeros((k, 0), bool)
+    return Truth(regular(k), np.zeros(0, int), np.zeros((k, 0, 3)), none, none, velocity=np.zeros((k, 0, 3)), period_s=PERIOD_S)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMeasurement:
+    """z = H x + b with one sensor: what a transform must carry through exactly."""
+
+    H: Array
+    b: Array
+    sensors: tuple[int, ...] = (0,)
+    n_modes: int = 1
+
+    def h(self, x: Any, q: int, pose: Any = None) -> Any:
+        """(…, 1, dz)."""
+        return (np.asarray(x) @ self.H.T + self.b)[..., None, :]
+
+    def jacobian(self, x: Any, q: int, pose: Any = None) -> Any:
+        """(…, 1, dz, d)."""
+        return np.broadcast_to(self.H, (*np.shape(x)[:-1], 1, *self.H.shape))
+
+    def residual(self, z: Any, z_hat: Any, q: int) -> Any:
+        """z − ẑ."""
+        return np.asarray(z) - np.asarray(z_hat)
+
+    def R(self, q: int, scan: Any = None) -> Array:
+        """Identity."""
+        return np.eye(len(self.b))
+
+    def p_d(self, x: Any, q: int, scan: Any = None) -> Any:
+        """0.9 everywhere."""
+        return np.full((*np.shape(x)[:-1], 1), 0.9)
+
+    def log_clutter(self, z: Any, q: int) -> Any:
+        """One false row a unit."""
+        return np.zeros(np.shape(z)[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class DelayMeasurement:
+    """The delays of a setup's "tdoa" sensors, with a Jacobian by differences: what births are tried with."""
+
+    space: Space
+    setup: Setup
+    n_modes: int = 1
+
+    @property
+    def sensors(self) -> tuple[int, ...]:
+        """All of the setup."""
+        return tuple(range(len(self.setup.sensors)))
+
+    def h(self, x: Any, q: int, pose: Any = None) -> Any:
+        """(…, 1, dz)."""
+        unit = self.setup.sensors[q]
+        columns = self.space.index(*(n for n in ("x_m", "y_m", "z_m") if n in self.space.names))
+        return pair_delays(lift(np.asarray(x)[..., columns], HEIGHT_M), unit.elements, unit.pairs, self.setup.c_m_s)[..., None, :]
+
+    def jacobian(self, x: Any, q: int, pose: Any = None) -> Any:
+        """(…, 1, dz, d)."""
+        x = np.asarray(x)
+        step = 1e-6 * np.eye(x.shape[-1])
+        columns = [(self.h(x + s, q) - self.h(x - s, q)) / 2e-6 for s in step]
+        return np.stack(columns, axis=-1)
+
+    def residual(self, z: Any, z_hat: Any, q: int) -> Any:
+        """z − ẑ."""
+        return np.asarray(z) - np.asarray(z_hat)
+
+    def R(self, q: int, scan: Any = None) -> Array:
+        """Twice the fixture's noise."""
+        return np.eye(len(self.setup.sensors[q].space)) * DELAY_STD_S**2
+
+    def p_d(self, x: Any, q: int, scan: Any = None) -> Any:
+        """Nominal."""
+        return np.full((*np.shape(x)[:-1], 1), NOMINAL["p_d"])
+
+    def log_clutter(self, z: Any, q: int) -> Any:
+        """Uniform over ±2 ms."""
+        dz = np.shape(z)[-1]
+        return np.where(np.all(np.abs(z) < 2e-3, axis=-1), np.log(NOMINAL["clutter_per_scan"]) - dz * np.log(4e-3), -np.inf)
