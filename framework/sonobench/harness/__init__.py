@@ -1,1 +1,5 @@
 """Trials and runs."""
+
+from sonobench.harness.run import Run, open_run, run_study
+
+__all__ = ["Run", "open_run", "run_study"]

@@ -122,7 +122,7 @@ def _location(name: str) -> Path | None:
     loaded = sys.modules.get(name)
     if loaded is not None and getattr(loaded, "__file__", None):
         return Path(str(loaded.__file__))
-    parent, _, leaf = name.rpartition(".")
+    parent = name.rpartition(".")[0]
     if not parent:
         spec = importlib.machinery.PathFinder.find_spec(name)
         return Path(spec.origin) if spec and spec.origin and spec.origin not in ("built-in", "frozen") else None
@@ -146,7 +146,10 @@ def _read(path: Path, name: str, _mtime_ns: int) -> tuple[str, tuple[_Imported, 
 
 def _drop_docstrings(tree: ast.AST) -> None:
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)) and ast.get_docstring(node, False) is not None:
+        if (
+            isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
+            and ast.get_docstring(node, False) is not None
+        ):
             node.body = node.body[1:]
 
 

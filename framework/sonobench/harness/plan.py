@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sonobench.components import build, canonical_json, digest, overlay, to_table
 from sonobench.errors import PluginError, SonobenchError, TableError, UnavailableError
+from sonobench.harness.environment import is_dirty
 from sonobench.harness.keys import seed_of, trial_key
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class PipelineEntry:
         distribution, version: who ships the pipeline that `use` names.
         pipeline: built, or None.
         reason: why it is unavailable, "" when it is not.
+        dirty: the distribution's name and version do not fix its code (a plugin file, or a checkout with changes).
     """
 
     name: str
@@ -40,6 +42,7 @@ class PipelineEntry:
     version: str
     pipeline: Pipeline | None
     reason: str = ""
+    dirty: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,7 @@ class PlannedTrial:
 
     Attributes:
         trial_key: known before anything ran.
+        study: the study's name.
         source, entry: what it puts together.
         repetition: which rendering of a scene, or which run on a file.
         run: the tracker's run number.
@@ -92,6 +96,7 @@ class PlannedTrial:
     """
 
     trial_key: str
+    study: str
     source: Source
     entry: PipelineEntry
     repetition: int
@@ -135,7 +140,9 @@ def plan(study: Study) -> Plan:
     sources = (*_scenes(study, where, faults), *_files(study, where, faults))
     metrics = tuple(_metrics(study, where, faults))
     trials = [
-        PlannedTrial(trial_key(source.sha, seed, {"name": entry.name, **entry.table}, run), source, entry, repetition, run, seed)
+        PlannedTrial(
+            trial_key(source.sha, seed, {"name": entry.name, **entry.table}, run), study.name, source, entry, repetition, run, seed
+        )
         for source in sources
         for repetition, run, seed in _repetitions(study, source)
         for entry in entries
@@ -181,11 +188,11 @@ def _entry(
         built = build("pipeline", table, registry, f"{where} pipelines.{name}")
         full = to_table(built, registry, "pipeline")
     except UnavailableError as error:
-        return PipelineEntry(full_name, dict(table), swept, plugin.distribution, plugin.version, None, str(error))
+        return PipelineEntry(full_name, dict(table), swept, plugin.distribution, plugin.version, None, str(error), is_dirty(plugin))
     except TableError as error:
         faults += error.faults
         return None
-    return PipelineEntry(full_name, full, swept, plugin.distribution, plugin.version, built)
+    return PipelineEntry(full_name, full, swept, plugin.distribution, plugin.version, built, dirty=is_dirty(plugin))
 
 
 def _scenes(study: Study, where: str, faults: list[str]) -> Iterator[Source]:

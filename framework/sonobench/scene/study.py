@@ -211,8 +211,8 @@ class _Reader:
             self.fault("pipelines", f"a table is needed, got {value!r}")
             value = {}
         found: dict[str, Mapping[str, Any]] = {}
-        for name, table in {**value, **{n: {} for n in also if n not in value}}.items():
-            table = {"use": table} if isinstance(table, str) else table
+        for name, own in {**value, **{n: {} for n in also if n not in value}}.items():
+            table = {"use": own} if isinstance(own, str) else own
             if isinstance(table, Mapping):
                 found[name] = {"use": name, **table}
             else:

@@ -1,0 +1,60 @@
+"""The cache folder: rendered recordings, front ends' scans, compiled code. Always deletable, shared by any number of runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+SCANS_BUDGET = 4_000_000_000  # bytes of scans that are kept; what does not fit is made again: the same bits
+
+
+@dataclass(frozen=True, slots=True)
+class Cache:
+    """Paths below a root; every file in them is there whole or not at all."""
+
+    root: Path
+
+    @classmethod
+    def default(cls, environment: Mapping[str, str] = os.environ) -> Cache:
+        """$SONOBENCH_CACHE, else the user's cache folder."""
+        if set_by_user := environment.get("SONOBENCH_CACHE"):
+            return cls(Path(set_by_user).expanduser().resolve())
+        import platformdirs
+
+        return cls(Path(platformdirs.user_cache_dir("sonobench", appauthor=False)))
+
+    def recording(self, key: str) -> Path:
+        """A rendered recording."""
+        return self._folder("recordings") / f"{key}.mcap"
+
+    def scans(self, key: str) -> tuple[Path, Path]:
+        """A front end's scans, and the notes beside them (what they cost), written last."""
+        folder = self._folder("scans")
+        return folder / f"{key}.npz", folder / f"{key}.json"
+
+    def numba(self, digest: str) -> Path:
+        """Machine code compiled from sources with this digest."""
+        return self._folder("numba") / digest[:16]
+
+    def trim_scans(self, budget: int) -> None:
+        """Throw away the scans that were used longest ago, until the rest fits."""
+        files = []
+        for path in self._folder("scans").glob("*.npz"):
+            with suppress(FileNotFoundError):  # another run trims at the same time
+                stat = path.stat()
+                files.append((stat.st_mtime_ns, stat.st_size, path))
+        total = sum(size for _, size, _ in files)
+        for _, size, path in sorted(files):
+            if total <= budget:
+                return
+            path.with_suffix(".json").unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
+            total -= size
+
+    def _folder(self, name: str) -> Path:
+        folder = self.root / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder

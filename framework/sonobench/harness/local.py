@@ -1,0 +1,55 @@
+"""The local engine: cells on this machine, or none at all for debuggers."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from sonobench.harness.cell import Cell, Limits, Outcome
+from sonobench.harness.session import Job, Session
+
+_TICK_S = 0.5  # how often progress is told while nothing ends
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def execute(session: Session, jobs: int, limits: Limits, numba_cache: Path, tick: Callable[[Iterable[Job]], None]) -> None:
+    """Carry out a session's jobs in `jobs` cells until nothing is left; all processes end with it, also when interrupted."""
+    cells: list[Cell] = []
+    busy: dict[Cell, Job] = {}
+    try:
+        while session.ready or busy:
+            while session.ready and len(busy) < jobs:
+                cell = next((c for c in cells if c not in busy), None)
+                if cell is None:
+                    cell = Cell(numba_cache)
+                    cells.append(cell)
+                job = busy[cell] = session.ready.popleft()
+                _forget_log(job)
+                cell.submit(job.task, limits, job.log)
+            tick(busy.values())
+            for cell in select.select(list(busy), [], [], _TICK_S)[0]:
+                session.done(busy.pop(cell), cell.take())
+    finally:
+        for cell in cells:
+            cell.close()
+
+
+def execute_here(session: Session, tick: Callable[[Iterable[Job]], None]) -> None:
+    """Carry out a session's jobs in this process: no isolation, no limits, and a trial's exception is a row all the same."""
+    from sonobench.harness.trial import perform
+
+    while session.ready:
+        job = session.ready.popleft()
+        tick([job])
+        session.done(job, Outcome(**perform(job.task)))
+
+
+def _forget_log(job: Job) -> None:
+    if job.log is not None:
+        job.log.unlink(missing_ok=True)

@@ -1,0 +1,95 @@
+"""Rows of trials.parquet and scores.parquet: the contract that boards, reports and other tools read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from sonobench.harness.cell import Outcome
+
+if TYPE_CHECKING:
+    from sonobench.harness.plan import PlannedTrial
+
+Row = dict[str, Any]
+SCHEMA = 1
+
+#: status of a trial; every planned trial has exactly one
+STATUSES = ("ok", "error", "timeout", "oom", "crash", "invalid", "skipped", "unavailable")
+
+#: columns of trials.parquet with their pandas dtypes; `p_*` columns of the sweep stand after `dirty`
+TRIAL_COLUMNS: Mapping[str, str] = {
+    "trial_key": "string",
+    "study": "string",
+    "pipeline": "string",
+    "distribution": "string",
+    "version": "string",
+    "code_sha": "string",
+    "dirty": "bool",
+    "scene": "string",
+    "repetition": "int64",
+    "run": "int64",
+    "recording_key": "string",
+    "input_sha": "string",
+    "truth_sha": "string",
+    "estimate_key": "string",
+    "status": "string",
+    "exc_type": "string",
+    "exc_message": "string",
+    "attempts": "int64",
+    "open": "bool",
+    "log_path": "string",
+    "wall_s": "float64",
+    "cpu_s": "float64",
+    "front_end_s": "float64",
+    "tracker_s": "float64",
+    "frames": "int64",
+    "real_time_factor": "float64",
+    "peak_mb": "float64",
+    "given": "string",
+    "estimates_path": "string",
+    "env_id": "string",
+}
+SCORE_COLUMNS: Mapping[str, str] = {
+    "trial_key": "string",
+    "metric": "string",
+    "metric_sha": "string",
+    "slice": "string",
+    "value": "float64",
+    "weight": "float64",
+    "unit": "string",
+    "better": "string",
+    "pool": "string",
+    "coverage": "float64",
+}
+_ZERO: Mapping[str, Any] = {"string": "", "bool": False, "int64": 0, "float64": None}
+
+
+def planned_row(trial: PlannedTrial, columns: tuple[str, ...]) -> Row:
+    """The row of a trial that has not run: status "skipped"."""
+    row = {name: _ZERO[dtype] for name, dtype in TRIAL_COLUMNS.items()}
+    swept = {**trial.source.swept, **trial.entry.swept}
+    return row | {
+        "trial_key": trial.trial_key,
+        "study": trial.study,
+        "pipeline": trial.pipeline,
+        "distribution": trial.entry.distribution,
+        "version": trial.entry.version,
+        "dirty": trial.entry.dirty,
+        "scene": trial.scene,
+        "repetition": trial.repetition,
+        "run": trial.run,
+        "status": "skipped",
+        **{name: swept.get(name) for name in columns},
+    }
+
+
+def failed_row(row: Row, outcome: Outcome, prefix: str = "", log_path: str = "") -> Row:
+    """The row of a trial that ended badly."""
+    return row | {
+        "status": outcome.status,
+        "exc_type": outcome.exc_type,
+        "exc_message": prefix + outcome.exc_message,
+        "wall_s": outcome.wall_s or None,
+        "peak_mb": outcome.peak_mb or None,
+        "log_path": log_path,
+    }

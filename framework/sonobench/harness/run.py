@@ -1,0 +1,202 @@
+"""Running a study, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from sonobench.errors import InputError, TableError
+from sonobench.harness import run_folder
+from sonobench.harness.cache import Cache
+from sonobench.harness.cell import Limits
+from sonobench.harness.rows import Row, planned_row
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sonobench.harness.plan import Plan
+    from sonobench.harness.progress import Display
+    from sonobench.harness.session import Job, Session
+    from sonobench.scene.study import Study
+
+RUNS = "runs"  # where runs lie unless --out says otherwise
+
+
+@dataclass(frozen=True)
+class Run:
+    """The results of one or several runs.
+
+    Attributes:
+        paths: their folders.
+        metrics: labels of the studies' metrics, the first study's first.
+    """
+
+    paths: tuple[Path, ...]
+    metrics: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """The (first) run's folder."""
+        return self.paths[0]
+
+    @cached_property
+    def trials(self) -> pd.DataFrame:
+        """trials.parquet: one row for every planned trial, whatever became of it."""
+        return self._tables("trials")
+
+    @cached_property
+    def scores(self) -> pd.DataFrame:
+        """scores.parquet: one row for every trial, metric column and slice."""
+        return self._tables("scores")
+
+    @property
+    def failed(self) -> int:
+        """How many planned trials are not ok."""
+        return int((self.trials["status"] != "ok").sum())
+
+    def board(self, metric: str | None = None, by: str | None = None, vs: str | None = None) -> Any:
+        """The leaderboard of a metric (by default the first); see `sonobench.board.leaderboard`."""
+        from sonobench.board import leaderboard
+
+        return leaderboard(self.trials, self.scores, self._metric(metric), by, vs)
+
+    def report(self, trials: Sequence[str] = (), metric: str | None = None, out: str | Path | None = None) -> list[Path]:
+        """Write pictures of trials; see `sonobench.report.write_report`."""
+        from sonobench.report import write_report
+
+        return write_report(self, trials=trials, metric=self._metric(metric), out=out)
+
+    def _metric(self, metric: str | None) -> str:
+        if metric is None and not self.metrics:
+            raise InputError(f"{self.path}: the run has no metric")
+        return self.metrics[0] if metric is None else metric
+
+    def _tables(self, name: str) -> pd.DataFrame:
+        tables = [run_folder.read_table(p, name) for p in self.paths]
+        if len(tables) == 1:
+            return tables[0]
+        import pandas as pd
+
+        return pd.concat(tables, ignore_index=True)
+
+
+def open_run(*runs: str | Path) -> Run:
+    """The results of one or several runs; each is a folder, or a name in runs/.
+
+    Raises:
+        InputError: not a run's folder.
+    """
+    if not runs:
+        raise InputError("name a run: a folder, or a name in runs/")
+    paths = tuple(_found(r) for r in runs)
+    metrics = [m for p in paths for m in run_folder.read_study(p)["metrics"]]
+    return Run(paths, tuple(dict.fromkeys(metrics)))
+
+
+def run_study(
+    study: Study,
+    *,
+    out: str | Path | None = None,
+    jobs: int | None = None,
+    timeout_s: float | None = None,
+    memory_mb: float | None = None,
+    fresh: bool = False,
+    in_process: bool = False,
+    order: Literal["planned", "reversed"] = "planned",
+    display: Display | None = None,
+) -> Run:
+    """Execute a study; what an earlier run in the same folder finished is kept.
+
+    Args:
+        study: validated.
+        out: the run's folder; by default runs/NAME in the current folder.
+        jobs: worker processes; by default the processors.
+        timeout_s, memory_mb: what one step of a trial (rendering, front end, tracker, scoring) may take.
+        fresh: throw away what is in the folder.
+        in_process: no workers, hence no isolation and no limits, for debuggers and notebooks.
+        order: in which trials are begun; results do not depend on it.
+        display: shows progress; by default on stderr.
+
+    Raises:
+        TableError: the study cannot be run as it stands.
+        InputError: the folder is in use or is not a run's.
+    """
+    from sonobench.harness.environment import environment, environment_id
+    from sonobench.harness.journal import Journal
+    from sonobench.harness.session import Session
+
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs is {jobs}; at least 1 is needed")
+    planned = study.plan()
+    if planned.faults:
+        raise TableError(planned.faults)
+    folder = Path(RUNS, study.name) if out is None else Path(out)
+    folder = folder.resolve()
+    with run_folder.locked(folder):
+        if fresh:
+            run_folder.clear(folder)
+        about = {"study": study.to_table(), "metrics": [m.label for m in planned.metrics], "swept": list(planned.columns)}
+        run_folder.prepare(folder, about, environment())
+        journal = Journal(folder / "journal.jsonl")
+        plugins = {str(p.path): p.version for p in study.registry.plugins if p.path is not None}
+        session = Session(planned, plugins, folder, Cache.default(), journal, environment_id(), study.registry.trial_finished)
+        try:
+            _carry_out(session, in_process, jobs, Limits(timeout_s, memory_mb), order == "reversed", display)
+        finally:
+            journal.close()
+            run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
+    return open_run(folder)
+
+
+def _carry_out(session: Session, in_process: bool, jobs: int | None, limits: Limits, reverse: bool, display: Display | None) -> None:
+    from sonobench.harness.local import execute, execute_here, processors
+    from sonobench.harness.progress import Tally
+    from sonobench.harness.progress import display as suitable
+
+    with display or suitable() as show:
+
+        def tick(running: Iterable[Job]) -> None:
+            failed = sum(row["status"] != "ok" for row in session.finished.values())
+            show(Tally(len(session.plan), len(session.finished), failed, len(list(running))))
+
+        session.begin(reverse)
+        if in_process:
+            execute_here(session, tick)
+        else:
+            execute(session, jobs or processors(), limits, _numba_cache(session.plan, session.cache), tick)
+        tick([])
+
+
+def _numba_cache(planned: Plan, cache: Cache) -> Path:
+    """Compiled code is kept by the digest of all sources that it could come from: Numba itself looks at one file only."""
+    from sonobench.harness.code import modules_of, numba_digest
+
+    parts = (*(e.pipeline for e in planned.entries), *(s.scene for s in planned.sources), *(m.metric for m in planned.metrics))
+    return cache.numba(numba_digest({"sonobench"}.union(*map(modules_of, parts))))
+
+
+def _trial_rows(session: Session) -> Iterator[Row]:
+    for trial in session.plan.trials:
+        row = session.finished.get(trial.trial_key) or session.ended(trial)
+        yield row or planned_row(trial, session.plan.columns) | {"exc_message": "the run ended before this trial"}
+
+
+def _score_rows(session: Session) -> Iterator[Row]:
+    shas = {m.label: m.sha for m in session.plan.metrics}
+    for trial in session.plan.trials:
+        for label, key in session.scored.get(trial.trial_key, ()):
+            for row in session.journal.recorded.scores.get(key, {}).get("rows", ()):
+                yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **row}
+
+
+def _found(run: str | Path) -> Path:
+    path = Path(run)
+    if path.is_dir() or len(path.parts) != 1:
+        return path.resolve()
+    named = Path(RUNS) / path
+    if named.is_dir():
+        return named.resolve()
+    raise InputError(f"{run}: neither a run's folder nor a name in {RUNS}/")

@@ -1,0 +1,124 @@
+"""The folder of a run: its lock, its files, its tables (the harness's only user of pandas)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sonobench.errors import InputError
+from sonobench.files import replace_file, replacing
+from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OURS = ("journal.jsonl", "trials.parquet", "scores.parquet", "env.json", "estimates", "logs", "report")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make the folder where it is missing, and hold it alone.
+
+    Raises:
+        InputError: another run holds it, or it holds something else than a run.
+    """
+    import filelock
+
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; a run needs a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
+        raise InputError(f"{folder}: is not empty and is no run's folder; choose another with --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(folder / ".lock", timeout=0)
+        lock.acquire()
+    except filelock.Timeout:
+        raise InputError(f"{folder}: another run is writing here; wait for it, or choose another folder with --out") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder is a run's (or one that was killed right at its start)."""
+    return (folder / "study.json").is_file() or {p.name for p in folder.iterdir()} <= {".lock"}
+
+
+def clear(folder: Path) -> None:
+    """Throw away what earlier runs left, and nothing else."""
+    for name in _OURS:
+        path = folder / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def prepare(folder: Path, study: Mapping[str, Any], environment: Mapping[str, Any]) -> None:
+    """Write study.json and env.json, and make the folders that trials write to."""
+    for name in ("estimates", "logs"):
+        (folder / name).mkdir(exist_ok=True)
+    replace_file(folder / "study.json", _json({"schema": SCHEMA, **study}))
+    replace_file(folder / "env.json", _json(environment))
+
+
+def write_tables(folder: Path, trials: Iterable[Row], scores: Iterable[Row], swept: Sequence[str]) -> None:
+    """Compact to trials.parquet and scores.parquet."""
+    import pandas as pd
+
+    frame = pd.DataFrame(list(trials), columns=[*_trial_columns(swept)]).astype(dict(TRIAL_COLUMNS))
+    table = pd.DataFrame(list(scores), columns=[*SCORE_COLUMNS]).astype(dict(SCORE_COLUMNS))
+    for name, content in (("trials", frame), ("scores", table)):
+        with replacing(folder / f"{name}.parquet") as temporary:
+            content.to_parquet(temporary, index=False)
+
+
+def read_table(folder: Path, name: str) -> pd.DataFrame:
+    """trials.parquet or scores.parquet.
+
+    Raises:
+        InputError: it is missing or cannot be read.
+    """
+    import pandas as pd
+
+    try:
+        return pd.read_parquet(folder / f"{name}.parquet")
+    except FileNotFoundError:
+        raise InputError(f"{folder}: has no {name}.parquet; the run was killed before its end: start it again to go on") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder / name}.parquet: cannot be read: {error}") from None
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """study.json.
+
+    Raises:
+        InputError: there is none, it is damaged, or a later version wrote it.
+    """
+    try:
+        content = json.loads((folder / "study.json").read_text("utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{folder}: is no run's folder (it has no study.json)") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder / 'study.json'}: cannot be read: {error}") from None
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputError(f"{folder / 'study.json'}: version {SCHEMA} of a run is needed, got {content.get('schema')!r}")
+    return content
+
+
+def _trial_columns(swept: Sequence[str]) -> list[str]:
+    """The contract's order: the swept parameters stand after `dirty`."""
+    names = list(TRIAL_COLUMNS)
+    at = names.index("dirty") + 1
+    return [*names[:at], *swept, *names[at:]]
+
+
+def _json(content: Mapping[str, Any]) -> bytes:
+    return json.dumps(content, indent=1, sort_keys=True).encode() + b"\n"

@@ -1,0 +1,313 @@
+"""What is to be done next in a run, and what its outcome means.
+
+Recordings are rendered once, shared front ends run once, then trackers, then metrics; a step that fails becomes the row of
+every trial that needed it. The session decides and writes the journal; an engine carries its jobs out in any order.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sonobench.harness.cache import SCANS_BUDGET, Cache
+from sonobench.harness.cell import Outcome
+from sonobench.harness.code import code
+from sonobench.harness.journal import Journal
+from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
+from sonobench.harness.plan import PipelineEntry, Plan, PlannedTrial, Source
+from sonobench.harness.rows import Row, failed_row, planned_row
+
+_EMPTY_OUTPUT = "empty"
+
+
+@dataclass(frozen=True, slots=True)
+class Take:
+    """One recording of the plan and the trials on it."""
+
+    source: Source
+    seed: int | None
+    key: str
+    path: Path
+    trials: tuple[PlannedTrial, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One step for an engine: what the worker gets, whom it serves, where its output is logged."""
+
+    task: Mapping[str, Any]
+    take: Take
+    trials: tuple[PlannedTrial, ...]
+    log: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """Digests of the code behind a plan's parts."""
+
+    front_ends: Mapping[str, str]
+    trackers: Mapping[str, str]
+    scenes: Mapping[int, str]
+    metrics: Mapping[str, str]
+
+    @classmethod
+    def of(cls, plan: Plan) -> Codes:
+        """Read the sources that a plan depends on."""
+        built = {e.name: e.pipeline for e in plan.entries if e.pipeline is not None}
+        return cls(
+            {name: code(p.front_end, "sonobench.pipeline") for name, p in built.items()},
+            {name: code(p.tracker, "sonobench.pipeline") for name, p in built.items()},
+            {id(s): code(s.scene) for s in plan.sources if s.scene is not None},
+            {m.label: code(m.metric, "sonobench.scoring") for m in plan.metrics},
+        )
+
+
+@dataclass(slots=True)
+class Session:
+    """A run in progress.
+
+    Attributes:
+        plan, plugins: what is run; version by path of each plugin file.
+        folder, cache, journal: where things are kept.
+        env_id: the environment's.
+        observe: called with the row of each trial that ended in this run.
+        ready: jobs that may start now.
+        finished: rows by trial key, whatever became of them.
+    """
+
+    plan: Plan
+    plugins: Mapping[str, str]
+    folder: Path
+    cache: Cache
+    journal: Journal
+    env_id: str
+    observe: Callable[[Row], None]
+    ready: deque[Job] = field(default_factory=deque)
+    finished: dict[str, Row] = field(default_factory=dict)
+    scored: dict[str, list[tuple[str, str]]] = field(default_factory=dict)  # trial key → (metric label, score key)
+    _codes: Codes = field(init=False)
+    _waiting: dict[str, list[PlannedTrial]] = field(default_factory=dict)
+    _rows: dict[str, Row] = field(default_factory=dict)  # ended trials whose scores are not there yet
+    _ran: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self._codes = Codes.of(self.plan)
+
+    def begin(self, reverse: bool = False) -> None:
+        """Queue the first jobs; what is already known needs none."""
+        takes = self._takes()
+        for take in reversed(takes) if reverse else takes:
+            known = self.journal.recorded.recordings.get(take.key)
+            if take.source.scene is None:
+                known = take.source.sha, take.source.truth_sha
+            if take.source.scene is None or (known and self._complete(take, known)):
+                self._expand(take, *known)  # type: ignore[misc]
+            else:
+                task = self._task("render", take, home=take.source.home, overrides=dict(take.source.overrides), sha=take.source.sha)
+                self.ready.append(Job({**task, "seed": take.seed}, take, take.trials, self._log(f"render-{take.key}")))
+        if reverse:
+            self.ready.reverse()
+
+    def done(self, job: Job, outcome: Outcome) -> None:
+        """Take a job's outcome; further jobs may become ready."""
+        {"render": self._rendered, "scans": self._scanned, "track": self._tracked, "score": self._score_done}[job.task["step"]](
+            job, outcome
+        )
+
+    def ended(self, trial: PlannedTrial) -> Row | None:
+        """The row of a trial that ended, though its scores may be missing."""
+        return self._rows.get(trial.trial_key) if trial.trial_key in self._ran else None
+
+    def _takes(self) -> list[Take]:
+        groups: dict[tuple[int, int | None], list[PlannedTrial]] = {}
+        for trial in self.plan.trials:
+            groups.setdefault((id(trial.source), trial.seed), []).append(trial)
+        takes = []
+        for (_, seed), trials in groups.items():
+            source = trials[0].source
+            if source.scene is None or seed is None:
+                takes.append(Take(source, None, source.sha, Path(source.home), tuple(trials)))
+            else:
+                key = recording_key(source.sha, seed, self._codes.scenes[id(source)])
+                takes.append(Take(source, seed, key, self.cache.recording(key), tuple(trials)))
+        return takes
+
+    def _rendered(self, job: Job, outcome: Outcome) -> None:
+        if outcome.status == "ok":
+            hashes = outcome.value["input_sha"], outcome.value["truth_sha"]
+            if self.journal.recorded.recordings.get(job.take.key) != hashes:
+                self.journal.add(recording={job.take.key: hashes})
+            self._expand(job.take, *hashes)
+            return
+        for trial in job.trials:
+            self._end(failed_row(self._planned(trial, job.take), outcome, "the scene could not be rendered: ", self._log_of(job)))
+            self._finish(trial)  # nothing to score against
+
+    def _expand(self, take: Take, input_sha: str, truth_sha: str) -> None:
+        """Queue what a recording's trials still need, depth first."""
+        jobs: list[Job] = []
+        for trial in take.trials:
+            row = self._planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
+            if trial.entry.pipeline is None:
+                outcome = Outcome("unavailable", exc_type="UnavailableError", exc_message=trial.entry.reason)
+                self._end(failed_row(row, outcome))
+                jobs += self._score_jobs(take, trial)
+                continue
+            key = self._scans_key(trial.entry, input_sha)
+            row["estimate_key"] = self._estimate_key(trial, input_sha)
+            if (reused := self._reusable(row)) is not None:
+                self._rows[trial.trial_key] = reused
+                jobs += self._score_jobs(take, trial)
+                continue
+            self._rows[trial.trial_key] = row
+            if key in self._waiting:
+                self._waiting[key].append(trial)
+            elif self.cache.scans(key)[1].exists():
+                jobs.append(self._track_job(take, trial))
+            else:
+                self._waiting[key] = [trial]
+                task = self._task("scans", take, trial, scans_key=key)
+                jobs.append(Job(task, take, (trial,), self._log(f"scans-{key}")))
+        self.ready.extendleft(reversed(jobs))
+
+    def _scanned(self, job: Job, outcome: Outcome) -> None:
+        waiting = self._waiting.pop(job.task["scans_key"])
+        jobs: list[Job] = []
+        for trial in waiting:
+            if outcome.status == "ok":
+                jobs.append(self._track_job(job.take, trial))
+            else:
+                self._end(failed_row(self._rows[trial.trial_key], outcome, "front end: ", self._log_of(job)))
+                jobs += self._score_jobs(job.take, trial)
+        self.ready.extendleft(reversed(jobs))
+
+    def _tracked(self, job: Job, outcome: Outcome) -> None:
+        (trial,) = job.trials
+        row, log = self._rows[trial.trial_key], self._log_of(job)
+        if outcome.status == "ok":
+            times = {"wall_s": outcome.wall_s, "peak_mb": outcome.peak_mb, **outcome.value}
+            row = row | times | {"status": "ok", "log_path": log, "estimates_path": f"estimates/{Path(job.task['output']).name}"}
+            self._end(row)
+        else:
+            self._end(failed_row(row, outcome, log_path=log))
+        self.ready.extendleft(reversed(self._score_jobs(job.take, trial)))
+
+    def _score_done(self, job: Job, outcome: Outcome) -> None:
+        (trial,) = job.trials
+        if outcome.status == "ok":
+            scores = outcome.value
+        else:
+            fault = {"error": f"{outcome.status}: {outcome.exc_message}"}
+            scores = {item["key"]: fault for item in job.task["metrics"]}
+        self.journal.add(trial_key=trial.trial_key, scores=scores)
+        self._finish(trial)
+
+    def _score_jobs(self, take: Take, trial: PlannedTrial) -> list[Job]:
+        """The scoring that a trial still needs; with none it is finished."""
+        row = self._rows[trial.trial_key]
+        keys = self._score_keys(trial, row)
+        self.scored[trial.trial_key] = keys
+        missing = [(label, key) for label, key in keys if "rows" not in self.journal.recorded.scores.get(key, {})]
+        if not missing:
+            self._finish(trial)
+            return []
+        tables = {m.label: m.table for m in self.plan.metrics}
+        task = self._task(
+            "score",
+            take,
+            trial,
+            available=trial.entry.pipeline is not None,
+            output=str(self.folder / row["estimates_path"]) if row["status"] == "ok" else None,
+            metrics=[{"label": label, "key": key, "table": dict(tables[label])} for label, key in missing],
+            scans_key=self._scans_key(trial.entry, row["input_sha"]) if trial.entry.pipeline is not None else "",
+        )
+        return [Job(task, take, (trial,), self._log(f"score-{trial.trial_key}"))]
+
+    def _score_keys(self, trial: PlannedTrial, row: Mapping[str, Any]) -> list[tuple[str, str]]:
+        from sonobench.components import digest
+
+        output = row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(trial.entry.table)}"
+        return [(m.label, score_key(output, row["truth_sha"], m.table, self._codes.metrics[m.label])) for m in self.plan.metrics]
+
+    def _track_job(self, take: Take, trial: PlannedTrial) -> Job:
+        row = self._rows[trial.trial_key]
+        suffix = "npz" if trial.entry.pipeline is None or trial.entry.pipeline.tracker is None else "mcap"
+        task = self._task(
+            "track",
+            take,
+            trial,
+            run=trial.run,
+            input_sha=row["input_sha"],
+            estimate_key=row["estimate_key"],
+            scans_key=self._scans_key(trial.entry, row["input_sha"]),
+            output=str(self.folder / "estimates" / f"{row['estimate_key']}.{suffix}"),
+        )
+        return Job(task, take, (trial,), self._log(trial.trial_key))
+
+    def _task(self, step: str, take: Take, trial: PlannedTrial | None = None, **more: Any) -> dict[str, Any]:
+        common = {
+            "step": step,
+            "plugins": dict(self.plugins),
+            "recording": str(take.path),
+            "cache": str(self.cache.root),
+            "scans_budget": SCANS_BUDGET,
+        }
+        return common | ({"pipeline": trial.entry.table} if trial is not None else {}) | more
+
+    def _scans_key(self, entry: PipelineEntry, input_sha: str) -> str:
+        given = () if entry.pipeline is None else entry.pipeline.given
+        return scans_key(input_sha, entry.table["front_end"], given, self._codes.front_ends[entry.name])
+
+    def _estimate_key(self, trial: PlannedTrial, input_sha: str) -> str:
+        name, table = trial.entry.name, trial.entry.table
+        return estimate_key(self._scans_key(trial.entry, input_sha), table.get("tracker"), self._codes.trackers[name], trial.run)
+
+    def _planned(self, trial: PlannedTrial, take: Take) -> Row:
+        attempts = self.journal.recorded.trials.get(trial.trial_key, {}).get("attempts", 0)
+        given = () if trial.entry.pipeline is None else trial.entry.pipeline.given
+        code_sha = self._codes.trackers.get(trial.entry.name, "")
+        about = {"recording_key": take.key, "code_sha": code_sha, "attempts": attempts + 1, "given": ",".join(given), "env_id": self.env_id}
+        return planned_row(trial, self.plan.columns) | about
+
+    def _reusable(self, row: Row) -> Row | None:
+        """The stored row of the same output, under this trial's name."""
+        stored = self.journal.recorded.outputs.get(row["estimate_key"])
+        if stored is None or not (self.folder / stored["estimates_path"]).exists():
+            return None
+        about = ("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run", "recording_key", "truth_sha")
+        return stored | {k: row[k] for k in (*about, *self.plan.columns)}
+
+    def _complete(self, take: Take, hashes: tuple[str, str]) -> bool:
+        """Whether every trial of a recording is there, scores too, so that it need not be rendered."""
+        scores = self.journal.recorded.scores
+        for trial in take.trials:
+            row = self._planned(trial, take) | {"input_sha": hashes[0], "truth_sha": hashes[1], "status": "unavailable"}
+            if trial.entry.pipeline is not None:
+                reused = self._reusable(row | {"estimate_key": self._estimate_key(trial, hashes[0])})
+                if reused is None:
+                    return False
+                row = reused
+            if any("rows" not in scores.get(key, {}) for _, key in self._score_keys(trial, row)):
+                return False
+        return True
+
+    def _end(self, row: Row) -> None:
+        """A trial has its row; it is safe before anything is scored."""
+        self._rows[row["trial_key"]] = row
+        self._ran.add(row["trial_key"])
+        self.journal.add(trial=row)
+
+    def _finish(self, trial: PlannedTrial) -> None:
+        row = self._rows.pop(trial.trial_key)
+        self.finished[trial.trial_key] = row
+        if trial.trial_key in self._ran:
+            self.observe(row)
+
+    def _log(self, name: str) -> Path:
+        return self.folder / "logs" / f"{name}.log"
+
+    def _log_of(self, job: Job) -> str:
+        return f"logs/{job.log.name}" if job.log is not None and job.log.exists() else ""
