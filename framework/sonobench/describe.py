@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import io
+import json
 import re
 import sys
 import textwrap
@@ -31,8 +32,8 @@ _UNITS = {
     "_ms": "ms",
     "_s": "s",
     "_m": "m",
-    "_1": "1",
 }
+_NO_UNIT = {"p_s"}  # the probability of survival, not seconds
 _ROLE_OF = {protocol: role for role, protocol in ROLES.items()}
 
 
@@ -66,9 +67,23 @@ def describe(entry: Entry, registry: Registry) -> dict[str, Any]:
     return told
 
 
+def describe_text(told: Mapping[str, Any]) -> str:
+    """What `describe` found, as lines to read."""
+    head = f"{told['role']} {told['name']}  ({told['distribution']} {told['version']})"
+    head += f", a preset of {told['use']}" if told["use"] else ""
+    lines = [head, f"  {told['summary']}", f"  Source: {told['source']}" if told["source"] else ""]
+    lines += [f"  unavailable: {told['status']}"] if told["status"] != "ok" else []
+    lines += ["  no parameters"] if told["status"] == "ok" and not told["parameters"] else []
+    for p in told["parameters"]:
+        value = "must be set" if p["needed"] else f"= {json.dumps(p['default'], ensure_ascii=False)}"
+        lines.append(f"  {p['name']}: {p['type']}{' in ' + p['unit'] if p['unit'] else ''} {value}")
+        lines += [f"      {p['doc']}"] if p["doc"] else []
+    return "\n".join(line for line in lines if line.strip())
+
+
 def unit_of(name: str) -> str:
     """The unit that a field's name ends in, or ""."""
-    return next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "")
+    return "" if name in _NO_UNIT else next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "")
 
 
 def readable(hint: Any) -> str:
@@ -114,7 +129,7 @@ def _documentation(component: type) -> tuple[str, str]:
     module = sys.modules.get(component.__module__)
     text = inspect.cleandoc(getattr(module, "__doc__", None) or component.__doc__ or "")
     summary = text.split("\n\n")[0].split("\nSource:")[0].replace("\n", " ")
-    found = re.search(r"^Source:\s*(.+?)(?=\n\s*\n|\n[A-Z]\w+:|\Z)", text, re.MULTILINE | re.DOTALL)
+    found = re.search(r"^Source:\s*(.+?)(?=\n\s*\n|\n[A-Z][\w ]*:|\Z)", text, re.MULTILINE | re.DOTALL)
     return summary, " ".join(found.group(1).split()) if found else ""
 
 

@@ -81,7 +81,9 @@ def log_degenerate(residual: Floats, Q: Array, magnitude: Floats) -> Array:
     Args:
         residual: (n, d).
         Q: (d, d).
-        magnitude: (n,) size of the numbers whose difference the residual is; off the support by over 1e-9 of it counts.
+        magnitude: (n,) size of the numbers whose difference the residual is; off the support counts what exceeds 1e-9 of
+            it and 1e-6 of Q's largest deviation (a Cholesky root of a singular Q leaves its column space by the root of a
+            rounding, and what it draws must lie on the support).
     """
     values, vectors = np.linalg.eigh(symmetric(Q))
     within = values > 1e-13 * max(values.max(), 0.0)
@@ -89,4 +91,5 @@ def log_degenerate(residual: Floats, Q: Array, magnitude: Floats) -> Array:
     inside, outside = turned[:, within], turned[:, ~within]
     variance = values[within]
     log = -0.5 * (np.sum(inside**2 / variance, axis=-1) + np.sum(np.log(2 * math.pi * variance)))
-    return np.asarray(np.where(np.all(np.abs(outside) <= 1e-9 * magnitude[:, None], axis=-1), log, -np.inf))
+    slack = 1e-9 * magnitude[:, None] + 1e-6 * math.sqrt(max(values.max(), 0.0))
+    return np.asarray(np.where(np.all(np.abs(outside) <= slack, axis=-1), log, -np.inf))

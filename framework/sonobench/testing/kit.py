@@ -19,7 +19,7 @@ from sonobench.errors import SetupError, TableError, UnavailableError
 from sonobench.protocols import ROLES
 from sonobench.registry import Entry, Registry, did_you_mean
 
-Status = Literal["ok", "failed", "skipped"]
+Result = Literal["ok", "failed", "skipped"]
 
 
 class Broken(Exception):
@@ -37,19 +37,19 @@ class Finding:
     Attributes:
         component: role and name, or class.
         check: the check's name.
-        status: "ok", "failed" or "skipped".
+        result: "ok", "failed" or "skipped".
         sentence: the claim that held, what is wrong, or why it could not be asked.
     """
 
     component: str
     check: str
-    status: Status
+    result: Result
     sentence: str
 
     @property
     def ok(self) -> bool:
         """Not failed."""
-        return self.status != "failed"
+        return self.result != "failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +128,9 @@ def check(component: Any, role: str, registry: Registry | None = None) -> list[F
     held: set[str] = set()
     for one in CHECKS.values():
         if role in one.roles:
-            status, sentence = _run(one, case, held)
-            findings.append(Finding(who, one.name, status, sentence))
-            held |= {one.name} if status == "ok" else set()
+            result, sentence = _run(one, case, held)
+            findings.append(Finding(who, one.name, result, sentence))
+            held |= {one.name} if result == "ok" else set()
     return findings
 
 
@@ -145,7 +145,7 @@ def check_file(path: str | Path) -> list[Finding]:
     return [finding for entry in own for finding in check(entry, entry.role, registry)]
 
 
-def _run(one: Check, case: Case, held: set[str]) -> tuple[Status, str]:
+def _run(one: Check, case: Case, held: set[str]) -> tuple[Result, str]:
     blocking = [n for n in one.needs if n not in held]
     if blocking:
         return "skipped", f"builds on {', '.join(blocking)}, which did not hold or could not be asked"

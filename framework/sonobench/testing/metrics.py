@@ -44,8 +44,10 @@ def _scans(truth: Truth) -> list[Scan]:
 
 
 def _total(series: Series) -> float:
+    """The weighted mean; a signed error (a bias) counts by its size where lower is better."""
     counted = series.weights > 0
-    return float(np.sum(series.values[counted] * series.weights[counted]) / max(np.sum(series.weights[counted]), 1e-300))
+    mean = float(np.sum(series.values[counted] * series.weights[counted]) / max(np.sum(series.weights[counted]), 1e-300))
+    return abs(mean) if series.better == "lower" else mean
 
 
 def _equal(a: Series, b: Series) -> bool:
@@ -67,16 +69,17 @@ def runs(case: Case) -> None:
 
 @claim("metric.columns", _METRIC, ["metric.runs"])
 def columns_fit(case: Case) -> None:
-    """Values and weights have one entry an evaluation time, NaN only where the weight is 0, and coverage is in [0, 1]."""
+    """Values and weights fit each other, values are NaN only where the weight is 0, and coverage is in [0, 1].
+
+    Only "frame-rms" must have one value an evaluation time: other pools may also pool over targets (a median of errors).
+    """
     truth = fixtures.truth()
     for name, s in _evaluate(case, truth, _estimates(truth, 0.1)).items():
-        k = len(truth.time_s)
-        need(
-            np.shape(s.values) == (k,) and np.shape(s.weights) == (k,),
-            f"column {name!r}: shapes {np.shape(s.values)}, {np.shape(s.weights)}; ({k},) is needed",
-        )
-        need(np.min(s.weights) >= 0, f"column {name!r}: a weight is negative")
-        need(np.isfinite(np.asarray(s.values)[np.asarray(s.weights) > 0]).all(), f"column {name!r}: NaN where the weight is not 0")
+        values, weights = np.asarray(s.values), np.asarray(s.weights)
+        fit = values.ndim == 1 and values.shape == weights.shape and (s.pool != "frame-rms" or len(values) == len(truth.time_s))
+        need(fit, f"column {name!r}: values {values.shape} and weights {weights.shape} at {len(truth.time_s)} evaluation times")
+        need((weights >= 0).all(), f"column {name!r}: a weight is negative")
+        need(np.isfinite(values[weights > 0]).all(), f"column {name!r}: NaN where the weight is not 0")
         need(0 <= s.coverage <= 1, f"column {name!r}: coverage is {s.coverage}")
 
 
@@ -115,7 +118,7 @@ def perfect(case: Case) -> None:
                 )
 
 
-@claim("metric.nobody", _METRIC, ["metric.runs"])
+@claim("metric.nobody", _METRIC, ["metric.repeats"])
 def nobody(case: Case) -> None:
     """Nobody there and nobody found is a perfect score: finite, and 0 where lower is better."""
     _estimates_only(case)

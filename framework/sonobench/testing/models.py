@@ -65,7 +65,16 @@ def motion_runs(case: Case) -> None:
     motion.log_density(np.asarray(x1), x, mode, 0.1)
 
 
-@claim("motion.shapes", _MOTION, ["motion.runs"])
+@claim("motion.mutation", _MOTION, ["motion.runs"])
+def motion_mutation(case: Case) -> None:
+    """Arguments are left as they came."""
+    x, P, mode = _gaussians(case.component.space)
+    _untouched(lambda *a: case.component.moments(*a, 0.1), x, P, mode)
+    _untouched(lambda *a: case.component.sample(np.random.default_rng(0), *a, 0.1), x, mode)
+    _untouched(lambda *a: case.component.log_density(*a, 0.1), x, x, mode)
+
+
+@claim("motion.shapes", _MOTION, ["motion.mutation"])
 def motion_shapes(case: Case) -> None:
     """Means (n, d), covariances (n, d, d), particles (n, d) with modes (n,), densities (n,); none is NaN, no targets is fine."""
     motion = case.component
@@ -79,21 +88,12 @@ def motion_shapes(case: Case) -> None:
         need(not any(np.isnan(a).any() for a in (m1, P1, x1, density)), "gives NaN")
 
 
-@claim("motion.seed", _MOTION, ["motion.runs"])
+@claim("motion.seed", _MOTION, ["motion.mutation"])
 def motion_seed(case: Case) -> None:
     """The same generator seed draws the same particles."""
     x, _, mode = _gaussians(case.component.space)
     first, second = (np.asarray(case.component.sample(np.random.default_rng(3), x, mode, 0.1)[0]) for _ in range(2))
     need(np.array_equal(first, second), "two draws from one seed differ; draw only from the generator that is passed")
-
-
-@claim("motion.mutation", _MOTION, ["motion.runs"])
-def motion_mutation(case: Case) -> None:
-    """Arguments are left as they came."""
-    x, P, mode = _gaussians(case.component.space)
-    _untouched(lambda *a: case.component.moments(*a, 0.1), x, P, mode)
-    _untouched(lambda *a: case.component.sample(np.random.default_rng(0), *a, 0.1), x, mode)
-    _untouched(lambda *a: case.component.log_density(*a, 0.1), x, x, mode)
 
 
 @claim("motion.batch", _MOTION, ["motion.shapes"])
@@ -202,7 +202,20 @@ def measurement_runs(case: Case) -> None:
     need(all(0 <= q < len(setup.sensors) for q in bound.sensors), f"sensors are {bound.sensors}; the setup has {len(setup.sensors)}")
 
 
-@claim("measurement.shapes", _MEASUREMENT, ["measurement.runs"])
+@claim("measurement.mutation", _MEASUREMENT, ["measurement.runs"])
+def measurement_mutation(case: Case) -> None:
+    """Arguments are left as they came."""
+    bound, space, _ = _bound(case)
+    x = _gaussians(space)[0]
+    for q in bound.sensors:
+        z = np.asarray(bound.h(np.array(x), q))[..., 0, :]
+        for call in (lambda a, q=q: bound.h(a, q), lambda a, q=q: bound.jacobian(a, q), lambda a, q=q: bound.p_d(a, q)):
+            _untouched(call, x)
+        _untouched(lambda a, b, q=q: bound.residual(a, b, q), z, z)
+        _untouched(lambda a, q=q: bound.log_clutter(a, q), z)
+
+
+@claim("measurement.shapes", _MEASUREMENT, ["measurement.mutation"])
 def measurement_shapes(case: Case) -> None:
     """h (…, L, dz), jacobian (…, L, dz, d), p_d (…, L), R (dz, dz), log_clutter (…,), for any batch axes."""
     bound, space, setup = _bound(case)
@@ -216,7 +229,19 @@ def measurement_shapes(case: Case) -> None:
         need(got == wanted, f"sensor {setup.sensors[q].name}: shapes of h, jacobian, p_d, R, log_clutter are {got}; {wanted} are needed")
 
 
-@claim("measurement.jacobian", _MEASUREMENT, ["measurement.shapes"])
+@claim("measurement.residual", _MEASUREMENT, ["measurement.shapes"])
+def measurement_residual(case: Case) -> None:
+    """residual is z − ẑ, wrapped where the sensor's space is periodic."""
+    bound, space, setup = _bound(case)
+    x = _gaussians(space)[0]
+    for q in bound.sensors:
+        z = np.asarray(bound.h(x, q))[:, 0, :]
+        periods = np.array(setup.sensors[q].space.periods)
+        found, wanted = np.asarray(bound.residual(z + periods, z[::-1], q)), setup.sensors[q].space.residual(z, z[::-1])
+        need(np.allclose(found, wanted), f"sensor {setup.sensors[q].name}: residual is {found[0].tolist()}; {wanted[0].tolist()} is needed")
+
+
+@claim("measurement.jacobian", _MEASUREMENT, ["measurement.residual"])
 def measurement_jacobian(case: Case) -> None:
     """The Jacobian is the slope of h."""
     bound, space, setup = _bound(case)
@@ -231,18 +256,6 @@ def measurement_jacobian(case: Case) -> None:
                 np.allclose(found[..., j], slope, rtol=1e-4, atol=1e-5 * scale),
                 f"sensor {setup.sensors[q].name}: dh/d{name} is {found[0, 0, :, j].tolist()}, finite differences give {np.asarray(slope)[0, 0].tolist()}",
             )
-
-
-@claim("measurement.residual", _MEASUREMENT, ["measurement.runs"])
-def measurement_residual(case: Case) -> None:
-    """residual is z − ẑ, wrapped where the sensor's space is periodic."""
-    bound, space, setup = _bound(case)
-    x = _gaussians(space)[0]
-    for q in bound.sensors:
-        z = np.asarray(bound.h(x, q))[:, 0, :]
-        periods = np.array(setup.sensors[q].space.periods)
-        found, wanted = np.asarray(bound.residual(z + periods, z[::-1], q)), setup.sensors[q].space.residual(z, z[::-1])
-        need(np.allclose(found, wanted), f"sensor {setup.sensors[q].name}: residual is {found[0].tolist()}; {wanted[0].tolist()} is needed")
 
 
 @claim("measurement.noise", _MEASUREMENT, ["measurement.shapes"])
@@ -283,19 +296,6 @@ def measurement_clutter(case: Case) -> None:
             need(np.all(far == -np.inf), f"sensor {unit.name}: log_clutter of a delay of 1 s is {far[0]:.3g}; −inf is needed")
 
 
-@claim("measurement.mutation", _MEASUREMENT, ["measurement.runs"])
-def measurement_mutation(case: Case) -> None:
-    """Arguments are left as they came."""
-    bound, space, _ = _bound(case)
-    x = _gaussians(space)[0]
-    for q in bound.sensors:
-        z = np.asarray(bound.h(np.array(x), q))[:, 0, :]
-        for call in (lambda a, q=q: bound.h(a, q), lambda a, q=q: bound.jacobian(a, q), lambda a, q=q: bound.p_d(a, q)):
-            _untouched(call, x)
-        _untouched(lambda a, b, q=q: bound.residual(a, b, q), z, z)
-        _untouched(lambda a, q=q: bound.log_clutter(a, q), z)
-
-
 @claim("measurement.foreign", _MEASUREMENT, ["measurement.runs"])
 def measurement_foreign(case: Case) -> None:
     """A setup without the sensors that it reads is refused at bind by a SetupError that names both sides."""
@@ -316,7 +316,15 @@ def transform_runs(case: Case) -> None:
     need(len(case.component.measure(m, P, _linear(), 0)) == 3, "measure must return (ẑ, covariance, cross-covariance)")
 
 
-@claim("transform.shapes", _TRANSFORM, ["transform.runs"])
+@claim("transform.mutation", _TRANSFORM, ["transform.runs"])
+def transform_mutation(case: Case) -> None:
+    """Arguments are left as they came."""
+    m, P, _ = _gaussians(_SPACES[0])
+    _untouched(case.component.points, m, P)
+    _untouched(lambda a, b: case.component.measure(a, b, _linear(), 0), m, P)
+
+
+@claim("transform.shapes", _TRANSFORM, ["transform.mutation"])
 def transform_shapes(case: Case) -> None:
     """Points (…, p, d) with weights (p,); ẑ (…, dz), covariance (…, dz, dz), cross-covariance (…, d, dz)."""
     m, P, _ = _gaussians(_SPACES[0])
@@ -330,7 +338,7 @@ def transform_shapes(case: Case) -> None:
         )
 
 
-@claim("transform.points", _TRANSFORM, ["transform.runs"])
+@claim("transform.points", _TRANSFORM, ["transform.mutation"])
 def transform_points(case: Case) -> None:
     """The points' weighted mean is the mean, and their weights sum to one."""
     m, P, _ = _gaussians(_SPACES[0])
@@ -348,14 +356,6 @@ def transform_linear(case: Case) -> None:
     wanted = {"ẑ": m @ through.H.T + through.b, "the covariance": through.H @ P @ through.H.T, "the cross-covariance": P @ through.H.T}
     for (name, exact), got in zip(wanted.items(), (z, S, C), strict=True):
         need(np.allclose(got, exact, rtol=1e-7, atol=1e-9), f"{name} of a linear function is off by {np.abs(got - exact).max():.2g}")
-
-
-@claim("transform.mutation", _TRANSFORM, ["transform.runs"])
-def transform_mutation(case: Case) -> None:
-    """Arguments are left as they came."""
-    m, P, _ = _gaussians(_SPACES[0])
-    _untouched(case.component.points, m, P)
-    _untouched(lambda a, b: case.component.measure(a, b, _linear(), 0), m, P)
 
 
 def _begun(case: Case) -> tuple[Any, Any, Space, list[Any]]:

@@ -162,7 +162,20 @@ def state_travels(case: Case) -> None:
     need(same(here, there, 0.0), "a pickled state goes on with other estimates than the state itself")
 
 
-@claim("tracker.searched", _TRACKER, ["tracker.runs"])
+@claim("tracker.nothing", _TRACKER, ["tracker.seed"])
+def nothing(case: Case) -> None:
+    """No rows at all are an ordinary thing, and a set of 0 rows is the same as no set."""
+    setup = told(case.component)
+    times = fixtures.regular(_FRAMES)
+    dz = {len(s.space) for s in setup.sensors}
+    empty = tuple(Detections(np.zeros((0, d)), np.zeros(0, int)) for d in dz)
+    bare = [fixtures.silent(setup, t, True) for t in times]
+    with_sets = [Scan(s.time_s, s.searched, empty) for s in bare]
+    for a, b in zip(run(case.component, setup, bare), run(case.component, setup, with_sets), strict=True):
+        need(same(a, b), f"a set of 0 rows and no set give different estimates at {a.time_s} s")
+
+
+@claim("tracker.searched", _TRACKER, ["tracker.nothing"])
 def searched(case: Case) -> None:
     """A sensor that did not search says nothing: it is no miss.
 
@@ -185,20 +198,7 @@ def searched(case: Case) -> None:
             )
 
 
-@claim("tracker.nothing", _TRACKER, ["tracker.seed"])
-def nothing(case: Case) -> None:
-    """No rows at all are an ordinary thing, and a set of 0 rows is the same as no set."""
-    setup = told(case.component)
-    times = fixtures.regular(_FRAMES)
-    dz = {len(s.space) for s in setup.sensors}
-    empty = tuple(Detections(np.zeros((0, d)), np.zeros(0, int)) for d in dz)
-    bare = [fixtures.silent(setup, t, True) for t in times]
-    with_sets = [Scan(s.time_s, s.searched, empty) for s in bare]
-    for a, b in zip(run(case.component, setup, bare), run(case.component, setup, with_sets), strict=True):
-        need(same(a, b), f"a set of 0 rows and no set give different estimates at {a.time_s} s")
-
-
-@claim("tracker.many", _TRACKER, ["tracker.runs"])
+@claim("tracker.many", _TRACKER, ["tracker.finite"])
 def many(case: Case) -> None:
     """Forty rows a sensor are taken."""
     setup = told(case.component)
@@ -206,7 +206,7 @@ def many(case: Case) -> None:
         _finite(estimate)
 
 
-@claim("tracker.irregular", _TRACKER, ["tracker.runs"])
+@claim("tracker.irregular", _TRACKER, ["tracker.finite"])
 def irregular(case: Case) -> None:
     """Scans may come at any times, and a setup may have no period."""
     import dataclasses
@@ -217,7 +217,7 @@ def irregular(case: Case) -> None:
         _finite(estimate)
 
 
-@claim("tracker.dt", _TRACKER, ["tracker.seed"])
+@claim("tracker.dt", _TRACKER, ["tracker.seed", "tracker.searched"])
 def uses_dt(case: Case) -> None:
     """A tracker with memory moves it by the time that passed, not by the number of scans.
 
@@ -254,7 +254,7 @@ def rows(case: Case) -> None:
         )
 
 
-@claim("tracker.planar", _TRACKER, ["tracker.runs"])
+@claim("tracker.planar", _TRACKER, ["tracker.finite"])
 def planar(case: Case) -> None:
     """Microphones and talkers in one plane are a setup like any other, for a planar state."""
     if "z_m" in case.component.space.names:
