@@ -164,11 +164,7 @@ def _imports(tree: ast.AST, name: str, is_package: bool) -> Iterator[_Imported]:
                 if alias.name == "sonobench" or (alias.name.startswith("sonobench.") and not alias.asname):
                     facades.add(alias.asname or "sonobench")
         elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                above = name.split(".")
-                above = above[: len(above) - node.level + is_package]
-                base = ".".join([*above, *([node.module] if node.module else [])])
+            base = _base(node, name, is_package)
             yield from ((base, alias.name) for alias in node.names)
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             attributes.append((node.value.id, node.attr))
@@ -196,19 +192,36 @@ def _targets(module: str, name: str) -> list[str]:
 
 
 def _home(module: str, name: str) -> str:
-    """The module of sonobench that defines a name: façades re-export lazily, and a façade must not tie every room together."""
-    import sonobench
+    """The module of sonobench that defines a name.
 
-    if module == "sonobench" and name in sonobench._HOME:
-        return _home(f"sonobench.{sonobench._HOME[name]}", name)
+    Its façades re-export lazily and say from where under TYPE_CHECKING; a façade must not tie every room together.
+    """
     if _is_submodule(module, name):
         return f"{module}.{name}"
     path = _location(module)
     if path is not None and path.stem == "__init__":
-        for base, imported in _read(path, module, path.stat().st_mtime_ns)[1]:
-            if imported == name and base != module:
-                return _home(base, name)
+        base = _reexports(path, module, path.stat().st_mtime_ns).get(name, module)
+        return module if base == module else _home(base, name)
     return module
+
+
+@lru_cache(maxsize=256)
+def _reexports(path: Path, name: str, _mtime_ns: int) -> dict[str, str]:
+    found = {}
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.ImportFrom):
+            base = _base(node, name, True)
+            found.update({alias.name: base for alias in node.names if not alias.asname})
+    return found
+
+
+def _base(node: ast.ImportFrom, name: str, is_package: bool) -> str:
+    """The module that a (relative) `from … import` in module `name` names."""
+    if not node.level:
+        return node.module or ""
+    above = name.split(".")
+    above = above[: len(above) - node.level + is_package]
+    return ".".join([*above, *([node.module] if node.module else [])])
 
 
 def _is_submodule(module: str, name: str) -> bool:
