@@ -22,8 +22,10 @@ from sonobench.types import Array, Ints, read_only
 
 #: images that an enumeration may visit before it gives up
 LIMIT = 100_000_000
-_BIN_DB = 0.5
-_BINS = 1024
+_BIN_DB = 1.0
+_BINS = 256
+_METRES = 1024
+_SAMPLES_PER_M = 8000 / 343
 _DEEPER = 10 ** (-10 / 20)
 _EXTENT = 4000
 
@@ -61,8 +63,9 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
     """Enumerate the images of a box and drop the weakest.
 
     An image's strength is bounded by its amplitude over the least distance that any source and microphone in the box
-    can have. The weakest are dropped as long as the sum of their squared bounds stays below `prune_db`, relative to
-    the least energy that all images together bring.
+    can have. The weakest are dropped as long as the energy of what they add up to stays below `prune_db`, relative to
+    the least energy that all images together bring. Late images are so many that they pile up: their energy is that
+    of each by itself, plus that of their mean, taken at 8 kHz (at higher rates it is less).
 
     Args:
         box_m: (3,) lengths of the box, one corner at the origin.
@@ -82,16 +85,16 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
         extent = _extent(box, walls, floor, max_order)
         order = 3 * extent if max_order is None else max_order
         axes = _axes(box, walls, extent)
-        energy, least = _levels(axes.amplitude, axes.near, axes.far, order, floor)
+        energy, pile, least = _levels(axes.amplitude, axes.near, axes.far, order, floor)
         if least < 0:
             raise ValueError(_too_many(box, walls, prune_db))
         allowed = 10 ** (prune_db / 10) * least
-        if energy.sum() - seen <= 0.05 * allowed:  # what lies deeper than this floor no longer counts
+        weaker = np.cumsum(energy[::-1]) + np.square(np.cumsum(pile[::-1], axis=0)).sum(axis=1) / _SAMPLES_PER_M
+        if weaker[-1] - seen <= 0.05 * allowed:  # what lies deeper than this floor no longer counts
             break
-        seen, floor = energy.sum(), floor * _DEEPER
-    weaker = np.append(np.cumsum(energy[::-1])[::-1], 0.0)
-    keep = int(np.argmax(weaker <= allowed))
-    return _lattice(box, axes, 10 ** (-keep * _BIN_DB / 20), order)
+        seen, floor = weaker[-1], floor * _DEEPER
+    dropped = np.searchsorted(weaker, allowed, side="right")
+    return _lattice(box, axes, 10 ** (-(_BINS - dropped) * _BIN_DB / 20), order)
 
 
 class _Axes(NamedTuple):
@@ -193,9 +196,12 @@ def _run(amplitude: Array, near: Array, ix: int, iy: int, order: int, floor: flo
 
 
 @njit(cache=True)
-def _levels(amplitude: Array, near: Array, far: Array, order: int, floor: float) -> tuple[Array, float]:
-    """Squared bounds summed by level (bins of _BIN_DB below 1/m), and the least energy of all; −1: past the limit."""
-    energy = np.zeros(_BINS)
+def _levels(amplitude: Array, near: Array, far: Array, order: int, floor: float) -> tuple[Array, Array, float]:
+    """Bounds by level (bins of _BIN_DB below 1/m): squares (b,), sums (b, metre of distance); and the least energy of all.
+
+    The least energy is −1 where there are too many images.
+    """
+    energy, pile = np.zeros(_BINS), np.zeros((_BINS, _METRES))
     least, seen = 0.0, 0
     width = amplitude.shape[1]
     for ix in range(width):
@@ -205,13 +211,15 @@ def _levels(amplitude: Array, near: Array, far: Array, order: int, floor: float)
             for iz in range(first, end):
                 a = amplitude[0, ix] * amplitude[1, iy] * amplitude[2, iz]
                 least += a * a / (far[0, ix] + far[1, iy] + far[2, iz])
-                strength = _strength(a, near[0, ix] + near[1, iy] + near[2, iz])
-                if math.isfinite(strength):
-                    level = int(-20.0 * math.log10(strength) / _BIN_DB)
-                    energy[min(max(level, 0), _BINS - 1)] += strength * strength
+                square = near[0, ix] + near[1, iy] + near[2, iz]
+                strength = _strength(a, square)
+                if 0.0 < strength < math.inf:
+                    level = min(max(int(-20.0 * math.log10(strength) / _BIN_DB), 0), _BINS - 1)
+                    energy[level] += strength * strength
+                    pile[level, min(int(math.sqrt(square)), _METRES - 1)] += strength
         if seen > LIMIT:
-            return energy, -1.0
-    return energy, least
+            return energy, pile, -1.0
+    return energy, pile, least
 
 
 @njit(cache=True)

@@ -41,7 +41,7 @@ def path_at(times_s: Array, positions_m: Array, samples: int, rate_hz: float, st
     if len(positions) == 1 or (positions == positions[0]).all():
         return Path(positions[:1], samples)
     fastest = (np.linalg.norm(np.diff(positions, axis=0), axis=-1) / np.diff(times_s)).max()
-    hop = int(np.clip(step_m / fastest * rate_hz, 1, max(samples, 1)))
+    hop = round(min(max(step_m / fastest * rate_hz, 1), max(samples, 1)))
     at = np.arange(0, samples + hop, hop) / rate_hz
     return Path(np.stack([np.interp(at, times_s, axis) for axis in positions.T], axis=-1), hop)
 

@@ -44,11 +44,9 @@ class PyroomacousticsRooms:
         """Render; a pure function of its arguments.
 
         Raises:
-            InputError: walls or rates that pyroomacoustics cannot take.
+            InputError: a sampling rate that pyroomacoustics cannot take.
         """
         box_m, reflections = box_of(scene)
-        if reflections is not None and (reflections < 0).any():
-            raise InputError(f"scene {scene.name}: pyroomacoustics takes no negative reflections {reflections}; use image-method")
 
         def propagate(array: str, rate_hz: float, mics_m: Array, signal: Array, times_s: Array, positions_m: Array) -> Array:
             if rate_hz != int(rate_hz):
