@@ -53,8 +53,12 @@ def _positive(value: float) -> bool:
     return 0 < value < np.inf
 
 
+def _sized(room: Room) -> bool:
+    return room.size_m.shape == (3,) and bool((np.isfinite(room.size_m) & (room.size_m > 0)).all())
+
+
 def _room(room: Room) -> Iterator[str]:
-    if room.size_m.shape != (3,) or not (np.isfinite(room.size_m) & (room.size_m > 0)).all():
+    if not _sized(room):
         yield f"room.size_m: is {room.size_m.tolist()}; three positive lengths are needed"
     if (room.reflections is None) == (room.t60_s is None):
         yield "room: either reflections or t60_s is needed, not both"
@@ -89,7 +93,7 @@ def _array(array: ArrayTable, room: Room | None) -> Iterator[str]:
         wrong = [p.tolist() for p in pairs if not (0 <= p.min() and p.max() < len(elements)) or p[0] == p[1]]
         if wrong:
             yield f"pairs: {wrong} name no two of the elements 0 to {len(elements) - 1}"
-    if room is not None and room.size_m.shape == (3,):
+    if room is not None and _sized(room):
         where = place(array.pose, elements)
         for i in np.flatnonzero(~_inside(where, room)):
             yield f"elements_m[{i}]: lies at {_point(where[i])} m in the room, outside its {_size(room)}"
@@ -104,7 +108,7 @@ def _source(source: Source, scene: Scene) -> Iterator[str]:
         yield f"sound: {problem}"
     if not np.isfinite(source.gain_db):
         yield f"gain_db: is {source.gain_db}; a finite number is needed"
-    if scene.room is None or scene.room.size_m.shape != (3,) or bad or not _positive(scene.duration_s):
+    if scene.room is None or not _sized(scene.room) or bad or not _positive(scene.duration_s):
         return
     time_s = np.linspace(0, scene.duration_s, max(2, int(scene.duration_s / _PATH_STEP_S) + 1))
     where = path(source, scene.duration_s, time_s)

@@ -3,7 +3,8 @@
 Each scan holds, for every target that exists, with probability `p_d` its delays with independent Gaussian errors, and a
 Poisson number of false measurements uniform over the delays that a pair can have. "stacked": the pairs of an array are
 ONE sensor; a detection is one vector of all its delays (association across pairs is given), and so is a false one.
-"per-pair": every pair is a sensor, detected and cluttered by itself. Scans come at the multiples 1, 2, … of the scene's
+"per-pair": every pair is a sensor, detected and cluttered by itself. Sensors are named as the bundled front ends name
+theirs, "stack" (with several arrays "stack-ARRAY") and "pair-0", "pair-1", …. Scans come at the multiples 1, 2, … of the scene's
 `period_s`, frame 1 one period after the start; rows stand in random order. The header's nominal values p_d,
 clutter_per_scan and delay_std_s are those used here unless the scene's `nominal` says otherwise.
 
@@ -12,6 +13,7 @@ Source: Vo & Ma 2006 (the standard measurement model); Ma, Vo, Singh & Baddeley 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -81,14 +83,7 @@ class Measurements:
         bare = [name for name, array in scene.arrays.items() if not len(array.pairs)]
         if bare:
             raise TableError([f"arrays.{name}.pairs: is empty; delays are measured between pairs" for name in bare])
-        sensors = []
-        for name, array in scene.arrays.items():
-            groups = [array.pairs] if self.layout == "stacked" else array.pairs[:, None]
-            for pairs in groups:
-                spelled = [f"{i}-{j}" for i, j in pairs]
-                title = name if self.layout == "stacked" else f"{name}/{spelled[0]}"
-                sensors.append(Sensor(title, name, "tdoa", array.elements_m, Space(tuple(f"delay_{s}_s" for s in spelled)), pairs))
-        return tuple(sensors)
+        return tuple(_stacks(scene) if self.layout == "stacked" else _pairs(scene))
 
     def _detections(self, rng: np.random.Generator, scene: Scene, sensors: tuple[Sensor, ...], position: Array) -> tuple[Detections, ...]:
         """One set for each number of delays; positions (n, 3) of the targets that exist."""
@@ -102,3 +97,15 @@ class Measurements:
             z = rng.permutation(np.concatenate([true + self.delay_std_s * rng.standard_normal(true.shape), false]))
             rows.setdefault(len(reach), []).append((z, np.full(len(z), q)))
         return tuple(Detections(np.concatenate([z for z, _ in own]), np.concatenate([q for _, q in own])) for own in rows.values())
+
+
+def _stacks(scene: Scene) -> Iterator[Sensor]:
+    for name, array in scene.arrays.items():
+        space = Space(tuple(f"tau{p}_s" for p in range(len(array.pairs))))
+        yield Sensor("stack" if len(scene.arrays) == 1 else f"stack-{name}", name, "tdoa", array.elements_m, space, array.pairs)
+
+
+def _pairs(scene: Scene) -> Iterator[Sensor]:
+    every = [(name, array.elements_m[pair]) for name, array in scene.arrays.items() for pair in array.pairs]
+    for p, (name, both) in enumerate(every):
+        yield Sensor(f"pair-{p}", name, "tdoa", both, Space.of("tau_s"), np.array([[0, 1]]))
