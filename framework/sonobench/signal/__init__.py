@@ -4,6 +4,7 @@ from sonobench.signal.correlation import TablePlan, cross_spectra, plan_tables, 
 from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push, window
 from sonobench.signal.peaks import local_maxima, pick, refine
 from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor
+from sonobench.signal.search import Picked, Search, open_search
 from sonobench.signal.steering import grid, steered_power
 from sonobench.signal.stream import StreamState, TableFrame, TableStream, open_stream
 
@@ -11,7 +12,9 @@ __all__ = [
     "GROUP",
     "Frames",
     "Framing",
+    "Picked",
     "Rig",
+    "Search",
     "StreamState",
     "TableFrame",
     "TablePlan",
@@ -25,6 +28,7 @@ __all__ = [
     "grid",
     "local_maxima",
     "mean_square",
+    "open_search",
     "open_stream",
     "pair_sensors",
     "pick",

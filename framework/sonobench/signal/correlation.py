@@ -56,6 +56,7 @@ class TablePlan:
         reach: lags of the circular correlation on each side of zero.
         taps: (oversampling, taps) float32 of the interpolating filter.
         step_s, start_s: of the tables' columns.
+        high_hz: upper edge of the band.
     """
 
     pairs: Ints
@@ -67,6 +68,7 @@ class TablePlan:
     taps: NDArray[np.float32]
     step_s: float
     start_s: float
+    high_hz: float
 
     @property
     def columns(self) -> int:
@@ -134,7 +136,7 @@ def plan_tables(
     reach = int(np.ceil(max_delay_s / lag_s)) + 2
     taps = _fractional_taps(oversampling)
     shape = window(window_name, length).astype(np.float32)
-    return TablePlan(pairs, shape, fft_length, (low, high), lags // 2 + 1, reach, taps, lag_s / oversampling, -reach * lag_s)
+    return TablePlan(pairs, shape, fft_length, (low, high), lags // 2 + 1, reach, taps, lag_s / oversampling, -reach * lag_s, high_hz)
 
 
 def _fractional_taps(oversampling: int) -> NDArray[np.float32]:
