@@ -80,8 +80,10 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
     if max_order is not None and prune_db == -math.inf:
         axes = _axes(box, walls, max_order)
         return _lattice(box, axes, 0.0, max_order)
-    floor, seen = 10 ** (prune_db / 20) / float(np.linalg.norm(box)), math.nan
+    floor = 10 ** (prune_db / 20) / float(np.linalg.norm(box))
     while True:
+        hidden = int(-20 * math.log10(floor) / _BIN_DB)  # levels that the last floor left out
+        floor *= _DEEPER
         extent = _extent(box, walls, floor, max_order)
         order = 3 * extent if max_order is None else max_order
         axes = _axes(box, walls, extent)
@@ -89,10 +91,9 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
         if least < 0:
             raise ValueError(_too_many(box, walls, prune_db))
         allowed = 10 ** (prune_db / 10) * least
-        weaker = np.cumsum(energy[::-1]) + np.square(np.cumsum(pile[::-1], axis=0)).sum(axis=1) / _SAMPLES_PER_M
-        if weaker[-1] - seen <= 0.05 * allowed:  # what lies deeper than this floor no longer counts
+        if energy[hidden:].sum() + np.square(pile[hidden:].sum(axis=0)).sum() / _SAMPLES_PER_M <= 0.05 * allowed:
             break
-        seen, floor = weaker[-1], floor * _DEEPER
+    weaker = np.cumsum(energy[::-1]) + np.square(np.cumsum(pile[::-1], axis=0)).sum(axis=1) / _SAMPLES_PER_M
     dropped = np.searchsorted(weaker, allowed, side="right")
     return _lattice(box, axes, 10 ** (-(_BINS - dropped) * _BIN_DB / 20), order)
 
@@ -201,7 +202,8 @@ def _levels(amplitude: Array, near: Array, far: Array, order: int, floor: float)
 
     The least energy is −1 where there are too many images.
     """
-    energy, pile = np.zeros(_BINS), np.zeros((_BINS, _METRES))
+    farthest = math.sqrt(near[0].max() + near[1].max() + near[2].max())
+    energy, pile = np.zeros(_BINS), np.zeros((_BINS, min(int(farthest) + 1, _METRES)))
     least, seen = 0.0, 0
     width = amplitude.shape[1]
     for ix in range(width):
@@ -216,7 +218,7 @@ def _levels(amplitude: Array, near: Array, far: Array, order: int, floor: float)
                 if 0.0 < strength < math.inf:
                     level = min(max(int(-20.0 * math.log10(strength) / _BIN_DB), 0), _BINS - 1)
                     energy[level] += strength * strength
-                    pile[level, min(int(math.sqrt(square)), _METRES - 1)] += strength
+                    pile[level, min(int(math.sqrt(square)), pile.shape[1] - 1)] += strength
         if seen > LIMIT:
             return energy, pile, -1.0
     return energy, pile, least
