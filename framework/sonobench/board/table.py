@@ -59,8 +59,9 @@ def _board(trials: pd.DataFrame, chosen: dict[str, pd.DataFrame], vs: str | None
     metric, scores = next(iter(chosen.items()))
     pool, unit, better = (str(scores[c].iloc[0]) for c in ("pool", "unit", "better"))
     sign = -1.0 if better == "higher" else 1.0
-    rows = pooling.joined_scores(trials, scores)
-    rows = rows[rows["block"].isin(rows.loc[rows["value"].notna(), "block"])]  # in the others there is nothing to score
+    planned = pooling.joined_scores(trials, scores)
+    rows = planned[planned["block"].isin(planned.loc[planned["value"].notna(), "block"])]  # in the others there is nothing to score
+    rows = rows if len(rows) else planned
     ranked, blocks = _ranked(rows)
     units = pooling.units(rows[rows["pipeline"].isin(ranked) & rows["block"].isin(blocks)], pool)
     found = _statistics(units.values, sign) | _unranked(rows[~rows["pipeline"].isin(ranked)], pool)
@@ -80,8 +81,8 @@ def _board(trials: pd.DataFrame, chosen: dict[str, pd.DataFrame], vs: str | None
         "metric": metric,
         "unit": unit,
         "better": better,
-        "scenes": int(rows["scene"].nunique()),
-        "repetitions": int(rows.groupby(["scene", "cell"])["block"].nunique().max()),
+        "scenes": int(planned["scene"].nunique()),
+        "repetitions": int(planned.groupby(["scene", "cell"])["block"].nunique().max()),
         "over": units.over,
         "units": len(units.values),
         "vs": vs,
