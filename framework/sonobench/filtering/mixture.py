@@ -19,13 +19,17 @@ def empty(d: int) -> Mixture:
 
 def union(*mixtures: Mixture) -> Mixture:
     """The sum of intensities: all components, in order."""
-    w, m, P, mode = zip(*mixtures, strict=True)
-    return Mixture(np.concatenate(w), np.concatenate(m), np.concatenate(P), np.concatenate(mode))
+    return Mixture(
+        np.concatenate([a.w for a in mixtures]),
+        np.concatenate([a.m for a in mixtures]),
+        np.concatenate([a.P for a in mixtures]),
+        np.concatenate([a.mode for a in mixtures]),
+    )
 
 
 def take(mixture: Mixture, which: Ints | Bools) -> Mixture:
     """The components of an index or mask."""
-    return Mixture(*(part[which] for part in mixture))
+    return Mixture(mixture.w[which], mixture.m[which], mixture.P[which], mixture.mode[which])
 
 
 def predict(mixture: Mixture, motion: Motion, p_s: float, dt_s: float) -> Mixture:
