@@ -105,18 +105,18 @@ def _responses(sign, offset, amplitude, runs, positions, mics, samples_per_m, ta
                         _add_pulse(response, delay[iz], gain[iz], table)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _add_pulse(response, delay, gain, table):  # type: ignore[no-untyped-def]
-    taps = table.shape[1]  # no constants of another module: Numba's cache would not see them change
-    whole = int(delay)
-    phase = (delay - whole) * (table.shape[0] - 1)
-    row = int(phase)
+    # sizes come from the table, since Numba's cache would not see a constant of another module change;
+    # indices are unsigned, since looking out for negative ones would keep the loop from being vectorised
+    phase = (delay - int(delay)) * (table.shape[0] - 1)
+    whole, row = np.uintp(delay), np.uintp(phase)
+    following = row + np.uintp(1)
     later = np.float32(gain * (phase - row))
     sooner = np.float32(gain) - later
-    here, following = table[row], table[row + 1]
-    target = response[whole : whole + taps]
-    for tap in range(taps):
-        target[tap] += sooner * here[tap] + later * following[tap]
+    for i in range(table.shape[1]):
+        tap = np.uintp(i)
+        response[whole + tap] += sooner * table[row, tap] + later * table[following, tap]
 
 
 def render_path(lattice: Lattice, signal: Array, path: Path, mics_m: Array, rate_hz: float, c_m_s: float) -> Array:
