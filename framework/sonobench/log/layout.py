@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any
 from urllib.parse import quote
 
@@ -63,6 +64,8 @@ class Encoded:
     Raises:
         LogError: from `messages`; the rendering cannot be recorded. The message begins with `where`.
     """
+
+    path = None  # of the file: there is none
 
     def __init__(self, rendering: Rendering, where: str) -> None:
         self.where = where
@@ -114,8 +117,8 @@ def _samples(rendering: Rendering) -> Iterator[Message]:
     if unknown:
         raise ValueError(f"samples of arrays {unknown}, which the header does not have")
     streams = (_array_blocks(array, [b for b in rendering.blocks if b.array == array.name]) for array in arrays)
-    for block in heapq.merge(*streams, key=lambda block: block.first_sample / block.rate_hz):
-        yield _sample_message("array", block, rendering.header.start_s)
+    messages = (map(partial(_sample_message, "array", rendering.header.start_s), stream) for stream in streams)
+    yield from heapq.merge(*messages, key=lambda message: message[1])  # at equal times in the header's order of arrays
 
 
 def _sources(rendering: Rendering) -> Iterator[Message]:
@@ -124,7 +127,7 @@ def _sources(rendering: Rendering) -> Iterator[Message]:
         signal = np.asarray(samples, np.float32).reshape(-1, 1)
         runs = on_grid([(0, signal)], rate_hz) if len(signal) else [(0, signal)]
         for first_sample, run in runs:
-            yield _sample_message("source", Samples(label, first_sample, float(rate_hz), run), rendering.header.start_s)
+            yield _sample_message("source", rendering.header.start_s, Samples(label, first_sample, float(rate_hz), run))
 
 
 _ENCODERS: Mapping[str, Callable[[Rendering], Iterator[Message]]] = {
@@ -136,7 +139,7 @@ _ENCODERS: Mapping[str, Callable[[Rendering], Iterator[Message]]] = {
 }
 
 
-def _sample_message(kind: str, block: Samples, start_s: float) -> Message:
+def _sample_message(kind: str, start_s: float, block: Samples) -> Message:
     time_ns = nanoseconds(start_s + block.first_sample / block.rate_hz)
     return f"/{kind}/{quote(block.name, safe='')}/samples", time_ns, encode_samples(block)
 

@@ -16,7 +16,7 @@ class Limits:
     message_bytes: int = 48 * _MIB  #: size of a message; with a chunk's other content it fits into a chunk
     summary_bytes: int = 16 * _MIB  #: size of the index
     attachment_bytes: int = 16 * _MIB  #: size of an attachment
-    messages: int = 4_000_000  #: messages of a file (a day of four arrays has 3.5 million blocks)
+    messages: int = 1_000_000  #: messages of a file (seven hours of four arrays are so many blocks)
 
 
 LIMITS = Limits()

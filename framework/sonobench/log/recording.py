@@ -56,6 +56,8 @@ class _Source(Protocol):
 
     where: str
 
+    @property
+    def path(self) -> Path | None: ...
     def messages(self, groups: Collection[str]) -> Iterator[Message]: ...
     def provenance(self) -> bytes: ...
 
@@ -99,27 +101,23 @@ class Recording:
     @property
     def path(self) -> Path | None:
         """The file, None for a recording in memory."""
-        return getattr(self._source, "path", None)
+        return self._source.path
 
     @cached_property
     def header(self) -> Header:
         """What the recording says of itself before its first sample."""
         with saying_path(self._source.where):
-            top, *geometries = self._source.messages({"header"})
-            if top[0] != HEADER:
-                raise Fault("does not begin with its header; write it again")
-            arrays = tuple(decode("ArrayGeometry", data) for _, _, data in geometries)
-            return decode("RecordingHeader", top[2], arrays=arrays)
+            messages = list(self._source.messages({"header"}))
+            arrays = tuple(decode("ArrayGeometry", data) for topic, _, data in messages if topic != HEADER)
+            header: Header = decode("RecordingHeader", _only(HEADER, messages), arrays=arrays)
+            return header
 
     @cached_property
     def truth(self) -> Truth:
         """Where the targets are; for metrics only."""
         with saying_path(self._source.where):
             messages = list(self._source.messages({"truth"}))
-            heads = [data for topic, _, data in messages if topic == TARGETS]
-            if len(heads) != 1:
-                raise Fault(f"has {len(heads)} messages on {TARGETS}, one is needed; write it again")
-            return decode_truth(heads[0], (data for topic, _, data in messages if topic == TRACKS))
+            return decode_truth(_only(TARGETS, messages), (data for topic, _, data in messages if topic == TRACKS))
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
@@ -129,23 +127,23 @@ class Recording:
 
     def blocks(self) -> Iterator[Block]:
         """Sample blocks of about 100 ms in time order."""
-        arrays = {a.name: a for a in self.header.arrays}
+        arrays = {a.name: (order, a) for order, a in enumerate(self.header.arrays)}
         ends = dict.fromkeys(arrays, 0)
-        last_ns = 0
+        last = (0, 0)
         with saying_path(self._source.where):
             for topic, time_ns, data in self._source.messages({"samples"}):
                 block = decode_samples(data)
                 if block.name not in arrays:
                     raise Fault(f"{topic} holds samples of {block.name!r}, the header has arrays {sorted(arrays)}; write it again")
-                array = arrays[block.name]
+                order, array = arrays[block.name]
                 if (block.rate_hz, block.samples.shape[1]) != (array.rate_hz, array.channels):
                     raise Fault(
                         f"{topic} holds {block.samples.shape[1]} channels at {block.rate_hz:g} Hz, array {array.name} has "
                         f"{array.channels} at {array.rate_hz:g} Hz; write it again"
                     )
-                if block.first_sample < ends[block.name] or time_ns < last_ns:
+                if block.first_sample < ends[block.name] or (time_ns, order) < last:
                     raise Fault(f"{topic} is out of order at sample {block.first_sample}; write it again")
-                ends[block.name], last_ns = block.first_sample + len(block.samples), time_ns
+                ends[block.name], last = block.first_sample + len(block.samples), (time_ns, order)
                 yield Block(block.name, block.first_sample, block.samples)
 
     def scans(self) -> Iterator[Scan]:
@@ -185,6 +183,14 @@ class Recording:
             for group in missing:
                 self._digests[group] = {t: d for t, d in found.items() if group_of(t) == group}
         return combined({t: d for group in groups for t, d in self._digests[group].items()})
+
+
+def _only(topic: str, messages: list[Message]) -> bytes:
+    """The bytes of the one message on `topic`."""
+    found = [data for name, _, data in messages if name == topic]
+    if len(found) != 1:
+        raise Fault(f"has {len(found)} messages on {topic}, one is needed; write it again")
+    return found[0]
 
 
 def _signal(blocks: list[Samples]) -> tuple[float, NDArray[np.float32]]:
