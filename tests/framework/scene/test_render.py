@@ -73,6 +73,13 @@ def test_a_sounds_seed_does_not_depend_on_who_else_sounds():
     np.testing.assert_array_equal(kept, again)
 
 
+def test_two_sources_of_one_kind_sound_apart():
+    both = scene(sources={"anna": {"sound": "white", "intervals": [[0.0, 2.0]]}, "carlo": {"sound": "white"}})
+    _, one, *_ = emit(both, "anna", 1)
+    _, other, *_ = emit(both, "carlo", 1)
+    assert abs(np.corrcoef(one, other)[0, 1]) < 4 / np.sqrt(len(one))
+
+
 def test_blocks_cover_every_array_without_gap_in_order_of_time():
     two = scene(
         arrays={"roof": {"elements_m": [[1.0, 1.0, 2.0]], "rate_hz": 16000.0}},
@@ -113,6 +120,14 @@ def test_the_band_is_what_all_sounds_have():
     clip = {"sound": {"use": "clip", "clip": "it-male-1"}}
     made = assemble(scene(rate_hz=16000.0, sources={"anna": clip}), 1, copies)
     np.testing.assert_array_equal(made.header.band_hz, [20.0, 4000.0])  # pink from 20 Hz on, the clip up to 4 kHz
+
+
+def test_a_source_is_not_active_in_the_silences_of_its_sound():
+    clip = {"sound": {"use": "clip", "clip": "it-male-1", "offset_s": 8.0, "pause_s": 1.0}, "intervals": [[0.0, 2.0]]}
+    active = assemble(scene(sources={"anna": clip}), 1, copies).truth.active[:, 0]
+    np.testing.assert_array_equal(active[[1, 2, 3]], True)
+    assert not active[8:15].any()  # the clip ends after 0.71 s and begins again after 1.71 s
+    assert active[18:].all()
 
 
 def test_provenance_says_scene_seed_versions_and_licences():

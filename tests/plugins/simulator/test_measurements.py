@@ -49,7 +49,7 @@ def test_rates_of_detection_and_clutter_and_the_errors_are_as_stated():
     assert np.var(clutter) == pytest.approx(7.0, rel=0.15)
     one = {"duration_s": 200.0, "sources": {"anna": {"intervals": [[0.0, 0.05]]}}}
     made = simulate(top=one, p_d=1.0, delay_std_s=1e-4, clutter_per_scan=0.0)
-    z = np.concatenate([s.rows(0)[0] for s in made.scans])
+    z = np.concatenate([s.detections[0].z for s in made.scans])
     true = pair_delays(made.truth.position[0, 1], np.array(MEASURED["arrays"]["walls"]["elements_m"]), np.array([[0, 1], [2, 3]]), 343.0)
     np.testing.assert_allclose(np.mean(z, axis=0), true, atol=4 * 1e-4 / np.sqrt(2000))
     np.testing.assert_allclose(np.cov(z.T), 1e-8 * np.eye(2), atol=1.3e-9)
@@ -57,10 +57,11 @@ def test_rates_of_detection_and_clutter_and_the_errors_are_as_stated():
 
 def test_clutter_is_uniform_over_the_delays_that_a_pair_can_have():
     made = simulate(top={"duration_s": 100.0}, p_d=0.0, clutter_per_scan=9.0)
-    z = np.concatenate([s.rows(0)[0] for s in made.scans])
+    z = np.concatenate([s.detections[0].z for s in made.scans])
     reach = max_delay(np.array(MEASURED["arrays"]["walls"]["elements_m"]), np.array([[0, 1], [2, 3]]), 343.0)
     np.testing.assert_array_less(np.abs(z).max(axis=0), reach)
     np.testing.assert_allclose((z**2).mean(axis=0), reach**2 / 3, rtol=0.05)
+    np.testing.assert_allclose(z.mean(axis=0), 0.0, atol=4 * reach[0] / np.sqrt(3 * len(z)))
 
 
 def test_the_order_of_rows_carries_no_meaning():
