@@ -66,12 +66,15 @@ def foreign_setup() -> Setup:
 
 
 def given() -> dict[str, Array]:
-    """What a scene may hand out: where and when the two talkers start, and how many there are."""
-    starts = talkers(np.zeros(1))[0]
+    """What a scene may hand out, in the shapes of scenes: starts (n, 7) t, position, velocity; births (n, 3); source_count (k, 2) t, n."""
+    start, later = talkers(np.array([0.0, 1.0]))
+    times = regular(100)
     return {
-        "births": np.concatenate([starts, np.full((2, 1), 0.5)], axis=1),
-        "starts": starts,
-        "source_count": np.array([2.0]),
+        "starts": np.concatenate([np.zeros((2, 1)), start, later - start], axis=1),
+        "births": start,
+        "source_count": np.stack([times, np.full(100, 2.0)], axis=1),
+        "activity": np.stack([times, np.ones(100), np.ones(100)], axis=1),
+        "snr_db": np.array([20.0]),
     }
 
 

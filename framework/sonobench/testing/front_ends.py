@@ -71,8 +71,9 @@ def runs(case: Case) -> None:
 @claim("front_end.scans", _FRONT_END, ["front_end.runs"])
 def scans_fit(case: Case) -> None:
     """Its scans come in order and fit its setup."""
+    source: Any = recording(case.component)
     try:
-        pipeline.scans_of(case.component, recording(case.component), fixtures.given())
+        pipeline.scans_of(case.component, source, fixtures.given())
     except pipeline.InvalidOutput as fault:
         broken(str(fault))
 

@@ -300,7 +300,16 @@ def measurement_clutter(case: Case) -> None:
 def measurement_foreign(case: Case) -> None:
     """A setup without the sensors that it reads is refused at bind by a SetupError that names both sides."""
     _, space, setup = _bound(case)
-    refused(lambda strange: case.component.bind(space, strange), "bind", setup)
+    x = _gaussians(space)[0]
+
+    def begin(strange: Setup) -> None:
+        bound = case.component.bind(space, strange)
+        for q in bound.sensors:
+            shape, unit = np.shape(bound.h(x, q)), strange.sensors[q]
+            if shape[-1] != len(unit.space):
+                raise ValueError(f"h of sensor {unit.name} has shape {shape} for {len(unit.space)} coordinates")
+
+    refused(begin, "bind", setup)
 
 
 def _linear(d: int = 4, dz: int = 2) -> fixtures.LinearMeasurement:

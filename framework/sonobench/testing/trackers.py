@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -268,11 +268,11 @@ def planar(case: Case) -> None:
 @claim("tracker.foreign", _TRACKER, ["tracker.runs"])
 def foreign(case: Case) -> None:
     """A setup without the sensors that it reads is refused at init by a SetupError that names both sides."""
-    refused(lambda setup: case.component.init(np.random.default_rng(_SEED), setup), "init", told(case.component))
+    refused(lambda strange: run(case.component, strange, [fixtures.silent(strange, 0.1, True)]), "init", told(case.component))
 
 
-def refused(begin: Any, what: str, taken: Setup) -> None:
-    """`begin` takes a setup of foreign sensors, or raises a SetupError that names what came and what was needed."""
+def refused(begin: Callable[[Setup], Any], what: str, taken: Setup) -> None:
+    """`begin` can do with a setup of foreign sensors, or raises a SetupError that names what came and what was needed."""
     strange = fixtures.foreign_setup()
     try:
         begin(strange)

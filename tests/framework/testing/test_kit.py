@@ -1,0 +1,148 @@
+"""The conformance kit finds each fault, and only that fault."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from kit_faults import FAULTS, GOOD
+
+from sonobench.registry import Entry, Plugin, Registry
+from sonobench.testing import CHECKS, check, check_file
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    """The bundled components and everything that is broken here."""
+    registry = Registry.load()
+    source = Plugin("kit", "tests", "1")
+    for role, component in [*((r, c) for r, c, _ in FAULTS.values()), *GOOD.items()]:
+        name = type(component).__name__
+        registry._entries[role, name] = [Entry(role, name, source, type(component))]
+    return registry
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_each_fault_is_found_by_exactly_its_check_with_a_sentence(name: str, registry: Registry) -> None:
+    role, component, words = FAULTS[name]
+    failed = {f.check: f.sentence for f in check(component, role, registry) if f.result == "failed"}
+    assert list(failed) == [name], failed
+    assert words in failed[name]
+
+
+def test_no_check_is_without_a_fault_that_trips_it() -> None:
+    assert sorted(CHECKS) == sorted(FAULTS)
+
+
+@pytest.mark.parametrize("role", sorted(GOOD))
+def test_a_good_component_holds_every_claim_of_its_role(role: str, registry: Registry) -> None:
+    findings = check(GOOD[role], role, registry)
+    assert {f.check for f in findings} == {"built", *(c.name for c in CHECKS.values() if role in c.roles)}
+    assert [f for f in findings if f.result != "ok"] == []
+
+
+def test_every_role_has_checks_of_its_own() -> None:
+    from sonobench.protocols import ROLES
+
+    own = {c.roles[0] for c in CHECKS.values() if len(c.roles) == 1}
+    assert own == set(ROLES)
+
+
+def test_every_claim_is_a_sentence_and_builds_on_earlier_ones_of_its_role() -> None:
+    seen: list[str] = []
+    for one in CHECKS.values():
+        assert one.claim.endswith("."), one.name
+        assert set(one.needs) <= set(seen), f"{one.name} builds on what runs after it"
+        seen.append(one.name)
+
+
+@dataclass
+class Thawed:
+    def correlate(self, spectra: Any, pairs: Any) -> Any:
+        return spectra
+
+
+@dataclass(frozen=True)
+class Idle:
+    floor: float
+
+
+@pytest.mark.parametrize(
+    ("component", "words"),
+    [
+        (Thawed(), "Thawed is not frozen; write @dataclass(frozen=True)"),
+        (Idle(0.1), "Idle has no correlate, which a delay needs"),
+        (Idle, "is no component; build one"),
+        (3, "3 is no component"),
+    ],
+)
+def test_what_is_no_component_of_the_role_is_said_at_once(component: Any, words: str) -> None:
+    (finding,) = check(component, "delay", Registry())
+    assert (finding.check, finding.result) == ("built", "failed")
+    assert words in finding.sentence
+
+
+def test_an_unknown_role_is_refused_with_a_hint() -> None:
+    with pytest.raises(ValueError, match="did you mean 'tracker'"):
+        check(Idle(0.1), "traker", Registry())
+
+
+def test_what_cannot_be_asked_is_skipped_with_its_reason(registry: Registry) -> None:
+    findings = {f.check: f for f in check(FAULTS["tracker.runs"][1], "tracker", registry)}
+    assert findings["tracker.rows"].result == "skipped"
+    assert "builds on tracker.seed" in findings["tracker.rows"].sentence
+    assert findings["tracker.rows"].ok
+
+
+PLUGIN = """
+from dataclasses import dataclass
+import numpy as np
+from sonobench import hookimpl
+
+@dataclass(frozen=True)
+class Shouting:
+    floor: float
+
+    def correlate(self, spectra, pairs):
+        cross = spectra[..., pairs[:, 0], :] * spectra[..., pairs[:, 1], :].conj()
+        return np.fft.irfft(cross / (np.abs(cross) + self.floor))
+
+@dataclass(frozen=True)
+class Strict:
+    floor: float = -1.0
+
+    def __post_init__(self):
+        if self.floor < 0:
+            raise ValueError("floor must be at least 0")
+
+    correlate = Shouting.correlate
+
+@hookimpl
+def sonobench_components():
+    return {"delay": {"bare": Shouting, "quiet": {"use": "bare", "floor": 1e-9}, "loud": {"use": "bare", "floor": 0.0}, "strict": Strict}}
+"""
+
+
+def test_a_file_is_checked_with_its_presets_and_only_it(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(PLUGIN)
+    findings = check_file(file)
+    assert {f.component for f in findings} == {"delay bare", "delay quiet", "delay loud", "delay strict"}
+    told = {f.component: f for f in findings if f.result == "failed"}
+    assert set(told) == {"delay loud", "delay strict"}
+    assert told["delay loud"].check == "delay.silence"
+    assert "floor must be at least 0" in told["delay strict"].sentence
+    (bare,) = [f for f in findings if f.component == "delay bare"]
+    assert bare.result == "skipped"
+    assert "parameters without a default: floor; register a preset" in bare.sentence
+
+
+def test_findings_travel() -> None:
+    import pickle
+
+    finding = check(3, "delay", Registry())[0]
+    assert pickle.loads(pickle.dumps(finding)) == finding
+    assert set(dataclasses.asdict(finding)) == {"component", "check", "result", "sentence"}

@@ -1,0 +1,81 @@
+"""Every bundled component, and the configurations in which it is used, holds every claim of its role."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+import pytest
+
+from sonobench.components import build
+from sonobench.registry import Entry, Registry
+from sonobench.testing import CHECKS, check
+
+REGISTRY = Registry.load()
+BUNDLED = [e for e in REGISTRY.entries() if e.plugin.distribution == "sonobench"]
+OPTIONAL = {"pyroomacoustics": "pyroomacoustics"}  # name → the module of an extra
+
+#: parameters of components that have no defaults for them
+NEEDED: dict[tuple[str, str], dict[str, Any]] = {
+    ("birth", "fixed"): {"means": [[1.0, 0.0, 0.9, 0.0], [3.0, 0.0, 2.1, 0.0]], "variances": [[0.1, 0.1, 0.1, 0.1]], "weights": [0.1]},
+    ("pipeline", "pipeline"): {"front_end": "gcc-peaks", "tracker": "ck-phd"},
+    ("simulator", "measurements"): {"p_d": 0.9, "delay_std_s": 5e-5, "clutter_per_scan": 1.0},
+    ("sound", "clip"): {"clip": "ru-female-1"},
+    ("trajectory", "arc"): {"centre_m": [2.0, 1.5, 1.2], "radius_m": 1.0, "start_deg": 0.0, "speed_m_s": 0.5},
+    ("trajectory", "line"): {"from_m": [1.0, 1.0, 1.2], "to_m": [3.0, 2.0, 1.2], "speed_m_s": 0.5},
+    ("trajectory", "still"): {"position_m": [1.0, 1.0, 1.2]},
+    ("trajectory", "waypoints"): {"points_m": [[1.0, 1.0, 1.2], [3.0, 1.0, 1.2], [3.0, 2.0, 1.2]], "speed_m_s": 0.5},
+}
+_SPATIAL = {"use": "constant-velocity", "dims": 3}
+#: further configurations of the same components
+VARIANTS: list[tuple[str, dict[str, Any]]] = [
+    ("front_end", {"use": "gcc-peaks", "window": "hamming", "memory_s": 0.2, "pairs": "all"}),
+    ("motion", {"use": "langevin", "dims": 3}),
+    ("motion", {"use": "langevin", "noise": "diagonal"}),
+    ("motion", _SPATIAL),
+    ("measurement", {"use": "tdoa", "sensor": "stack"}),
+    ("tracker", {"use": "gm-phd", "measurement": {"use": "tdoa", "sensor": "stack"}, "update": "stacked"}),
+    ("tracker", {"use": "ek-phd", "motion": _SPATIAL}),
+    ("tracker", {"use": "smc-phd", "motion": _SPATIAL}),
+    ("tracker", {"use": "ck-phd", "birth": {"use": "room"}}),
+    ("tracker", {"use": "smc-phd", "birth": {"use": "room"}}),
+    ("pipeline", {"front_end": "recorded", "tracker": "smc-phd"}),
+]
+
+
+def _available(entry: Entry) -> None:
+    module = OPTIONAL.get(entry.name)
+    if module and importlib.util.find_spec(module) is None:
+        pytest.skip(f"the extra {module} is not installed")
+
+
+def _holds(component: Any, role: str) -> None:
+    findings = check(component, role, REGISTRY)
+    assert {f.check for f in findings} >= {c.name for c in CHECKS.values() if role in c.roles}, findings[0].sentence
+    assert [(f.check, f.sentence) for f in findings if f.result == "failed"] == []
+    assert any(f.check.startswith(f"{role}.") and f.result == "ok" for f in findings)
+
+
+@pytest.mark.parametrize("entry", BUNDLED, ids=[f"{e.role}:{e.name}" for e in BUNDLED])
+def test_every_bundled_component_conforms(entry: Entry) -> None:
+    _available(entry)
+    parameters = NEEDED.get((entry.role, entry.name))
+    component = entry if parameters is None else build(entry.role, {"use": entry.full_name, **parameters}, REGISTRY)
+    _holds(component, entry.role)
+
+
+@pytest.mark.parametrize(("role", "table"), VARIANTS, ids=[f"{r}-{i}" for i, (r, _) in enumerate(VARIANTS)])
+def test_a_bundled_component_conforms_in_other_configurations(role: str, table: dict[str, Any]) -> None:
+    _holds(build(role, table, REGISTRY), role)
+
+
+def test_a_tracker_is_asked_about_targets_that_it_really_finds() -> None:
+    """Claims about misses and rows would be empty if the kit's scans were too hard for a tracker."""
+    import numpy as np
+
+    from sonobench.testing import fixtures, trackers
+
+    tracker = build("tracker", "ek-phd", REGISTRY)
+    setup = trackers.told(tracker)
+    estimates = trackers.run(tracker, setup, fixtures.scans(setup, fixtures.regular(8)))
+    assert np.mean([trackers.number(e) for e in estimates[3:]]) == pytest.approx(2.0, abs=0.7)
