@@ -57,10 +57,10 @@ class Bad:
     def _quit(self, scan): sys.exit(0)
     def _hang(self, scan): time.sleep(1000)
     def _child(self, scan):
-        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1000)"], start_new_session=True)
+        subprocess.Popen(["sleep", "999"], start_new_session=True)
         time.sleep(1000)
     def _hog(self, scan):
-        self_kept = [np.ones(10_000_000) for _ in range(30)]
+        self_kept = [np.ones(2_000_000) for _ in range(30)]
         time.sleep(5)
     def _flood(self, scan):
         for _ in range(3000):

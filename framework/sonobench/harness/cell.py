@@ -17,6 +17,21 @@ from sonobench.harness import frames
 #: one thread each, so that two workers on two cores do not fight, and sums are added in one order
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
+#: what trials need and is slow to import
+WARM = (
+    "numba",
+    "scipy.linalg",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.special",
+    "sonobench.harness.trial",
+    "sonobench.log.recording",
+    "sonobench.log.estimates",
+    "sonobench.log.scans",
+    "sonobench.scene.scene",
+    "sonobench.scoring",
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -54,10 +69,13 @@ class Cell:
     Args:
         numba_cache: where compiled code is kept.
         perform: "module:function" that turns a task into a dictionary of Outcome's fields and never raises.
+        warm: modules to import before workers are forked, so that a fresh worker costs milliseconds.
     """
 
-    def __init__(self, numba_cache: Path | None = None, perform: str = "sonobench.harness.trial:perform") -> None:
-        self._perform = perform
+    def __init__(
+        self, numba_cache: Path | None = None, perform: str = "sonobench.harness.trial:perform", warm: tuple[str, ...] = WARM
+    ) -> None:
+        self._perform, self._warm = perform, warm
         self._environment = {**os.environ, **ONE_THREAD}
         if numba_cache is not None:
             self._environment["NUMBA_CACHE_DIR"] = str(numba_cache)
@@ -76,7 +94,7 @@ class Cell:
         )
         os.close(theirs_in)
         os.close(theirs_out)
-        frames.send(self._to, {"path": [p or os.getcwd() for p in sys.path], "perform": self._perform})
+        frames.send(self._to, {"path": [p or os.getcwd() for p in sys.path], "perform": self._perform, "warm": self._warm})
 
     def fileno(self) -> int:
         """Readable when the outcome of the submitted task is there."""

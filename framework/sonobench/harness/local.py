@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -47,7 +48,9 @@ def execute_here(session: Session, tick: Callable[[Iterable[Job]], None]) -> Non
     while session.ready:
         job = session.ready.popleft()
         tick([job])
-        session.done(job, Outcome(**perform(job.task)))
+        begin = time.perf_counter()
+        result = perform(job.task)
+        session.done(job, Outcome(**result, wall_s=time.perf_counter() - begin))
 
 
 def _forget_log(job: Job) -> None:

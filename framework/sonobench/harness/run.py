@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -54,8 +55,17 @@ class Run:
 
     @property
     def failed(self) -> int:
-        """How many planned trials are not ok."""
-        return int((self.trials["status"] != "ok").sum())
+        """How many planned trials are not ok, or lack a metric's score because the metric failed on them."""
+        bad = set(self.trials.loc[self.trials["status"] != "ok", "trial_key"])
+        return len(bad.union(*self.unscored.values()))
+
+    @cached_property
+    def unscored(self) -> dict[str, set[str]]:
+        """Keys of the trials that a metric says nothing of, by metric; only metrics with such trials."""
+        planned = set(self.trials["trial_key"])
+        heads = {m: self.scores["metric"].map(lambda name, m=m: name == m or name.startswith(f"{m}.")) for m in self.metrics}
+        missing = {m: planned - set(self.scores.loc[head.astype(bool), "trial_key"]) for m, head in heads.items()}
+        return {m: keys for m, keys in missing.items() if keys}
 
     def board(self, metric: str | None = None, by: str | None = None, vs: str | None = None) -> Any:
         """The leaderboard of a metric (by default the first); see `sonobench.board.leaderboard`."""
@@ -124,6 +134,7 @@ def run_study(
         TableError: the study cannot be run as it stands.
         InputError: the folder is in use or is not a run's.
     """
+    from sonobench.harness.code import forget
     from sonobench.harness.environment import environment, environment_id
     from sonobench.harness.journal import Journal
     from sonobench.harness.session import Session
@@ -133,6 +144,7 @@ def run_study(
     planned = study.plan()
     if planned.faults:
         raise TableError(planned.faults)
+    forget()  # workers import what the sources say now
     folder = Path(RUNS, study.name) if out is None else Path(out)
     folder = folder.resolve()
     with run_folder.locked(folder):
@@ -148,6 +160,8 @@ def run_study(
         finally:
             journal.close()
             run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
+    for fault, count in sorted(session.metric_faults().items()):
+        print(f"{fault} ({count} trials; see {folder / 'logs'}/score-*.log)", file=sys.stderr)
     return open_run(folder)
 
 

@@ -1,6 +1,6 @@
 """The process that guards one worker: `python -m sonobench.harness.server IN OUT`.
 
-It imports what every trial needs, forks a worker, hands it one task at a time and watches it. Whatever the worker does
+It imports what every task needs (nothing that starts a thread), forks a worker, hands it one task at a time and watches it. Whatever the worker does
 (raise, abort, exit, hang, hog, flood), exactly one answer goes back for each task. The guard is the subreaper of
 everything below it, so that no grandchild outlives the worker, even one in a session of its own. When its parent is
 gone its inlet ends, and it ends all that it started.
@@ -9,6 +9,7 @@ gone its inlet ends, and it ends all that it started.
 from __future__ import annotations
 
 import ctypes
+import importlib
 import os
 import pickle
 import select
@@ -26,17 +27,6 @@ from sonobench.harness import frames
 LOG_CAP = 1_000_000  # bytes of a task's own output that are kept
 _WATCH_S = 0.02  # how often the resident size is looked at
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
-_WARM = (
-    "numba",
-    "scipy.linalg",
-    "scipy.optimize",
-    "scipy.signal",
-    "scipy.special",
-    "sonobench.harness.trial",
-    "sonobench.log",
-    "sonobench.scene.scene",
-    "sonobench.scoring",
-)
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -65,7 +55,7 @@ class Log:
         """Keep what fits."""
         room = LOG_CAP - self.size
         self.size += len(data)
-        if self._path is None or room <= 0:
+        if not data or self._path is None or room <= 0:
             return
         if self._file < 0:
             Path(self._path).parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +78,8 @@ def main() -> None:
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
     hello = frames.receive(inlet)
     sys.path[:] = hello["path"]
-    _warm()
+    for name in hello["warm"]:
+        importlib.import_module(name)
     perform = _named(hello["perform"])
     worker = _fork(inlet, outlet, perform)
     while (content := frames.receive_bytes(inlet)) is not None:
@@ -103,14 +94,6 @@ def main() -> None:
             worker = _fork(inlet, outlet, perform)
         frames.send(outlet, answer)
     _end_all()
-
-
-def _warm() -> None:
-    """Import once, before any fork, what every worker needs; nothing here may start a thread."""
-    import importlib
-
-    for name in _WARM:
-        importlib.import_module(name)
 
 
 def _serve(worker: Worker, task: bytes, limits: dict[str, Any], inlet: int) -> tuple[dict[str, Any], bool]:
@@ -132,7 +115,7 @@ def _watch(worker: Worker, deadline: float | None, limits: dict[str, Any], inlet
     poll = select.poll()
     for fd in (inlet, worker.handle, worker.results, worker.output):
         poll.register(fd, select.POLLIN)
-    incoming, peak, cap = frames.Frames(), 0, limits["memory_mb"]
+    incoming, peak, cap = frames.Frames(), 0.0, limits["memory_mb"]
     while True:
         left = _WATCH_S if cap is not None else 1.0
         if deadline is not None:
@@ -210,25 +193,27 @@ def _resident_mb(pid: int) -> float:
 def _end_all(spare: int | None = None) -> None:
     """Kill and reap everything below, but for one worker; orphans come to us, so repeat until nobody is left."""
     for _ in range(1000):
-        living = [p for p in _descendants(os.getpid()) if p != spare]
+        below = [p for p in _descendants(os.getpid()) if p != spare]
+        living = [p for p in below if not _is_zombie(p)]  # a zombie of the spared worker is the worker's to reap
+        for pid in living:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for pid in below:
+            with suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
         if not living:
             return
-        for pid in living:
-            try:
-                os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
-        for pid in living:
-            try:
-                os.waitpid(pid, os.WNOHANG)
-            except ChildProcessError:
-                continue
         time.sleep(0.001)
 
 
-def _named(name: str) -> Callable[[Any], Any]:
-    import importlib
+def _is_zombie(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
 
+
+def _named(name: str) -> Callable[[Any], Any]:
     module, _, function = name.partition(":")
     found: Callable[[Any], Any] = getattr(importlib.import_module(module), function)
     return found

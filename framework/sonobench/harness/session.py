@@ -6,7 +6,7 @@ every trial that needed it. The session decides and writes the journal; an engin
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,6 +120,12 @@ class Session:
     def ended(self, trial: PlannedTrial) -> Row | None:
         """The row of a trial that ended, though its scores may be missing."""
         return self._rows.get(trial.trial_key) if trial.trial_key in self._ran else None
+
+    def metric_faults(self) -> dict[str, int]:
+        """How many trials each fault of a metric cost, by message."""
+        scores = self.journal.recorded.scores
+        faults = [f"metric {label}: {e}" for keys in self.scored.values() for label, k in keys if (e := scores.get(k, {}).get("error"))]
+        return dict(Counter(faults))
 
     def _takes(self) -> list[Take]:
         groups: dict[tuple[int, int | None], list[PlannedTrial]] = {}

@@ -42,8 +42,6 @@ def perform(task: Task) -> dict[str, Any]:
     try:
         result = {"status": "ok", "value": step(task)}
     except BaseException as error:  # a component may raise anything, SystemExit and KeyboardInterrupt too
-        if task.get("raise"):
-            raise
         traceback.print_exc()
         result = {"status": status_of(error), "exc_type": type(error).__name__, "exc_message": str(error)}
     return {**result, "peak_mb": _peak_mb()}
@@ -68,17 +66,18 @@ def status_of(error: BaseException) -> str:
 
 def render(task: Task) -> dict[str, Any]:
     """Scene and seed → a recording in the cache; returns its hashes."""
-    from sonobench.log import open_recording, write_recording
+    from sonobench.log import write_recording
     from sonobench.scene.scene import Scene
 
     path = Path(task["recording"])
-    if not path.exists():
-        scene = Scene.load(task["home"], _registry(task), task["overrides"])
-        if scene.digest() != task["sha"]:
-            raise InputError(f"scene {task['home']} changed while the study ran; run it again")
-        write_recording(path, scene.simulate(task["seed"]))
-    recording = open_recording(path)
-    return {"input_sha": recording.input_sha, "truth_sha": recording.truth_sha}
+    if path.exists():
+        with suppress(LogError):  # damaged: render it again
+            return _hashes(path)
+    scene = Scene.load(task["home"], _registry(task), task["overrides"])
+    if scene.digest() != task["sha"]:
+        raise InputError(f"scene {task['home']} changed while the study ran; run it again")
+    write_recording(path, scene.simulate(task["seed"]))
+    return _hashes(path)
 
 
 def scans(task: Task) -> dict[str, Any]:
@@ -133,6 +132,11 @@ def score(task: Task) -> dict[str, Any]:
     return done
 
 
+def _hashes(path: Path) -> dict[str, str]:
+    recording = _recording(str(path))
+    return {"input_sha": recording.input_sha, "truth_sha": recording.truth_sha}
+
+
 @dataclass(frozen=True, slots=True)
 class Made:
     """A front end's output and what it cost."""
@@ -184,9 +188,10 @@ def _make_scans(task: Task, pipeline: Pipeline, recording: Recording) -> Made:
         setup, made = scans_of(pipeline.front_end, recording, pipeline.given)
     cache = Cache(Path(task["cache"]))
     path, notes = cache.scans(task["scans_key"])
-    write_scans(path, setup, made)
-    replace_file(notes, json.dumps({"front_end_s": timer.seconds}).encode())
-    cache.trim_scans(task["scans_budget"])
+    with suppress(ValueError):  # a plugin's own field cannot be stored: its scans are made for each tracker
+        write_scans(path, setup, made)
+        replace_file(notes, json.dumps({"front_end_s": timer.seconds}).encode())
+        cache.trim_scans(task["scans_budget"])
     return Made(setup, made, timer.seconds)
 
 
@@ -238,17 +243,17 @@ def _warm(step: str, pipeline: Mapping[str, Any], first: Callable[[], Any]) -> N
 
 
 def _registry(task: Task) -> Registry:
-    registry = _loaded(tuple(task["plugins"]))
+    registry = _loaded(tuple(task["plugins"].items()))
     if (found := {str(p.path): p.version for p in registry.plugins if p.path is not None}) != task["plugins"]:
         raise InputError(f"a plugin file changed while the study ran ({task['plugins']} → {found}); run it again")
     return registry
 
 
 @lru_cache(maxsize=4)
-def _loaded(plugins: tuple[str, ...]) -> Registry:
+def _loaded(plugins: tuple[tuple[str, str], ...]) -> Registry:
     from sonobench.registry import Registry
 
-    return Registry.load(plugins)
+    return Registry.load([path for path, _ in plugins])
 
 
 def _pipeline(task: Task) -> Pipeline:
