@@ -192,12 +192,10 @@ def _parts(trials: pd.DataFrame, column: str) -> list[tuple[Any, pd.DataFrame]]:
 
 
 def _origin(row: Mapping[Any, Any]) -> str:
-    """Distribution and version, or for a file its path and the head of its code's hash, with * for uncommitted changes."""
-    version = str(row.get("version") or "")
-    code = str(row.get("code_sha") or "")
-    if not version and code:
-        version = f"@{code[:4]}{'*' if row.get('dirty') is True else ''}"
-    return f"{row.get('distribution') or ''} {version}".strip()
+    """Distribution and version (of a file without one, the head of its code's hash); * marks uncommitted changes."""
+    version = str(row.get("version") or "") or f"@{row.get('code_sha') or ''}"[:5]
+    dirty = "*" if row.get("dirty") in (True, np.True_) else ""
+    return f"{row.get('distribution') or ''} {version.removesuffix('@')}{dirty}".strip()
 
 
 def _given(value: Any) -> str:
