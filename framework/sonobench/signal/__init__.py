@@ -3,7 +3,7 @@
 from sonobench.signal.correlation import TablePlan, cross_spectra, plan_tables, whitened
 from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push, window
 from sonobench.signal.peaks import local_maxima, pick, refine
-from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor
+from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor, widened
 from sonobench.signal.search import Picked, Search, open_search
 from sonobench.signal.steering import grid, steered_power
 from sonobench.signal.stream import StreamState, TableFrame, TableStream, open_stream
@@ -39,5 +39,6 @@ __all__ = [
     "stack_sensor",
     "steered_power",
     "whitened",
+    "widened",
     "window",
 ]

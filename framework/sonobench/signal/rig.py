@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -64,6 +64,15 @@ def _pairs(array: MicArray, which: str) -> Ints:
     if which == "all":
         return np.array(list(combinations(range(len(array.elements)), 2)), np.int64).reshape(-1, 2)
     raise SetupError(f"pairs is {which!r}; 'scene' or 'all' is needed")
+
+
+def widened(unit: Rig, header: Header) -> Rig:
+    """The rig with every two microphones of an array as a pair, those of `unit` first and in its orientation."""
+    whole = rig(header, "all", "a search over all pairs")
+    own = {frozenset(pair) for pair in unit.pairs.tolist()}
+    more = np.array([frozenset(pair) not in own for pair in whole.pairs.tolist()])
+    pairs = np.concatenate([unit.pairs, whole.pairs[more]])
+    return replace(unit, pairs=pairs, max_delay_s=np.concatenate([unit.max_delay_s, whole.max_delay_s[more]]))
 
 
 def pair_sensors(unit: Rig) -> tuple[Sensor, ...]:
