@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike
 from sonobench.types import Array, Ints, read_only
 
 #: images that an enumeration may visit before it gives up
-LIMIT = 100_000_000
+LIMIT = 50_000_000
 _BIN_DB = 1.0
 _BINS = 256
 _METRES = 1024
 _SAMPLES_PER_M = 8000 / 343
 _DEEPER = 10 ** (-10 / 20)
-_EXTENT = 4000
+_EXTENT = 4000  # images along one axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,13 +78,16 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
     """
     box, walls = _checked(box_m, reflections, max_order, prune_db)
     if max_order is not None and prune_db == -math.inf:
-        axes = _axes(box, walls, max_order)
-        return _lattice(box, axes, 0.0, max_order)
+        if (2 * max_order + 1) * (2 * max_order**2 + 2 * max_order + 3) // 3 > LIMIT:
+            raise ValueError(_too_many(box, walls, prune_db))
+        return _lattice(_axes(box, walls, max_order), 0.0, max_order)
     floor = 10 ** (prune_db / 20) / float(np.linalg.norm(box))
     while True:
         hidden = int(-20 * math.log10(floor) / _BIN_DB)  # levels that the last floor left out
         floor *= _DEEPER
         extent = _extent(box, walls, floor, max_order)
+        if extent == _EXTENT:
+            raise ValueError(_too_many(box, walls, prune_db))
         order = 3 * extent if max_order is None else max_order
         axes = _axes(box, walls, extent)
         energy, pile, least = _levels(axes.amplitude, axes.near, axes.far, order, floor)
@@ -95,7 +98,7 @@ def build_lattice(box_m: ArrayLike, reflections: ArrayLike, max_order: int | Non
             break
     weaker = np.cumsum(energy[::-1]) + np.square(np.cumsum(pile[::-1], axis=0)).sum(axis=1) / _SAMPLES_PER_M
     dropped = np.searchsorted(weaker, allowed, side="right")
-    return _lattice(box, axes, 10 ** (-(_BINS - dropped) * _BIN_DB / 20), order)
+    return _lattice(axes, 10 ** (-(_BINS - dropped) * _BIN_DB / 20), order)
 
 
 class _Axes(NamedTuple):
@@ -132,7 +135,7 @@ def _extent(box: Array, walls: Array, floor: float, max_order: int | None) -> in
     return int(n[loud.any(axis=0)].max(initial=0))
 
 
-def _lattice(box: Array, axes: _Axes, floor: float, order: int) -> Lattice:
+def _lattice(axes: _Axes, floor: float, order: int) -> Lattice:
     runs = _enumerate(axes.amplitude, axes.near, order, floor)
     extent = axes.sign.shape[1] // 2
     last = np.maximum(np.abs(runs[:, 2] - extent), np.abs(runs[:, 3] - 1 - extent)) + extent
@@ -165,7 +168,7 @@ def _checked(box_m: ArrayLike, reflections: ArrayLike, max_order: int | None, pr
 def _too_many(box: Array, walls: Array, prune_db: float) -> str:
     return (
         f"a box of {box} m with reflections {walls} has more than {LIMIT} images to weigh at prune_db = {prune_db}; "
-        "give max_order, lower reflections or a higher prune_db"
+        "give (a lower) max_order, lower reflections or a higher prune_db"
     )
 
 

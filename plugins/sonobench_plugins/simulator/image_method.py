@@ -27,7 +27,7 @@ class ImageMethod:
     """A box of reflecting walls, or free field, sources moving."""
 
     max_order: int | None = None  #: most reflections of an image; None: as many as prune_db leaves
-    prune_db: float = -60.0  #: level of all images that are left out against the whole response
+    prune_db: float = -50.0  #: level of all images that are left out against the whole response
     path_step_m: float = 0.01  #: way of a moving source between two responses; a quarter of the shortest wavelength serves
 
     def __post_init__(self) -> None:
