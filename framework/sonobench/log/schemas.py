@@ -117,7 +117,7 @@ def _closure(name: str) -> tuple[str, ...]:
     reached, open_ = {name}, [name]
     while open_:
         used = {field.split()[1].removesuffix("[]") for field in FIELDS[open_.pop()]}
-        open_ += sorted((used & FIELDS.keys()) - reached)
+        open_ += (used & FIELDS.keys()) - reached
         reached |= used & FIELDS.keys()
     return tuple(m for m in FIELDS if m in reached)
 

@@ -17,7 +17,7 @@ from sonobench.types import Estimate, Scan, Setup, Space, identical
 SPACE = Space.of("x_m", "vx_m_s", "azimuth_rad")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(estimates=st.lists(log_samples.estimates(), max_size=3))
 def test_estimates_round_trip(estimates, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "estimates.mcap"
@@ -53,7 +53,7 @@ def test_estimates_that_cannot_be_logged_leave_nothing_behind(tmp_path, estimate
     assert list(tmp_path.iterdir()) == []
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(scans=st.lists(log_samples.scans(), max_size=3))
 def test_scans_round_trip_in_a_recording_and_in_the_cache(scans, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "scans.npz"

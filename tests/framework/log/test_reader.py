@@ -64,7 +64,9 @@ def test_a_flipped_bit_never_changes_content_in_silence(small, tmp_path):
     whole = _outcome(path, small)
     rng = np.random.default_rng(7)
     ends = [*range(60), *range(len(small) - 120, len(small))]  # file header and footer: structure, every byte of it
-    places = [(int(byte), int(rng.integers(8))) for byte in [*ends, *rng.integers(60, len(small), 200)]]
+    attached = small.index(b'"name":"small"')
+    inside = [*rng.integers(60, len(small), 200), *range(attached, attached + 20)]
+    places = [(int(byte), int(rng.integers(8))) for byte in [*ends, *inside]]
     outcomes = []
     for byte, bit in places:
         flipped = bytearray(small)
@@ -148,46 +150,46 @@ def test_more_messages_than_the_cap_are_refused_declared_or_not(tmp_path):
 
 def _hostile():
     plain = chunk(messages(2))
-    short = messages(2)[:-1]
+    short = messages(2, size=4)[:-1]
     return {
-        "outside": ([plain], {"chunk_start_offset": 10**6}),
-        "negative length": ([plain], {"chunk_length": 2**63}),
-        "into the header": ([plain], {"chunk_start_offset": 9}),
-        "overflow": ([plain], {"chunk_start_offset": 2**64 - 8, "chunk_length": 16}),
-        "length zero": ([plain], {"chunk_length": 0}),
-        "twice the same": ([plain, plain], {"chunk_start_offset": 40}),
-        "not a chunk": ([plain], {"chunk_start_offset": 38}),
-        "sizes disagree": ([plain], {"uncompressed_size": 63}),
-        "compressed size": ([plain], {"compressed_size": 5}),
-        "huge": ([plain], {"uncompressed_size": 2**40}),
-        "unknown topic": ([plain], {"message_index_offsets": {7: 0}}),
-        "no topic": ([plain], {"message_index_offsets": {}}),
-        "chunks missing": ([plain], {"chunk_count": 5}),
-        "too many messages": ([plain], {"message_count": 2**60}),
-        "summary outside": ([plain], {"summary_start": 2**40}),
-        "attachment outside": ([plain], {"attachment_offset": 2**50}),
-        "message beyond its chunk": ([chunk(short)], {}),
-        "record beyond its chunk": ([chunk(b"\x63" + (2**40).to_bytes(8, "little"))], {}),
-        "stray bytes": ([chunk(messages(1) + b"\x05\x01")], {}),
-        "message too short": ([chunk(b"\x05" + bytes(8) + bytes(40))], {}),
-        "channel not in the index": ([chunk(messages(1, channel=2))], {}),
-        "no checksum": ([chunk(messages(1), crc=0)], {}),
-        "wrong checksum": ([chunk(messages(1), crc=1)], {}),
-        "unknown compression": ([chunk(messages(1), "lzma")], {}),
-        "not zstd": ([chunk(messages(1), "zstd")], {}),
-        "not lz4": ([chunk(messages(1), "lz4")], {}),
-        "lz4 cut": ([chunk(lz4.frame.compress(messages(9))[:-4], "lz4", declared=9 * 31, crc=zlib.crc32(messages(9)))], {}),
-        "two zstd frames": ([chunk(zstandard.compress(messages(1)) * 2, "zstd", declared=31, crc=zlib.crc32(messages(1)))], {}),
-        "not a protobuf": ([chunk(messages(1, size=5))], {}),
+        "outside": ([plain], {"chunk_start_offset": 10**6}, "points outside"),
+        "negative length": ([plain], {"chunk_length": 2**63}, "points outside"),
+        "into the header": ([plain], {"chunk_start_offset": 9}, "points outside"),
+        "overflow": ([plain], {"chunk_start_offset": 2**64 - 8, "chunk_length": 16}, "points outside"),
+        "length zero": ([plain], {"chunk_length": 0}, "points outside"),
+        "twice the same": ([plain, plain], {"chunk_start_offset": 40}, "twice to the same"),
+        "not a chunk": ([plain], {"chunk_start_offset": 38}, "points outside|points to something else"),
+        "sizes disagree": ([plain], {"uncompressed_size": 63}, "disagree about sizes"),
+        "compressed size": ([plain], {"compressed_size": 5}, "disagree about sizes"),
+        "huge": ([plain], {"uncompressed_size": 2**40}, "says to inflate to"),
+        "unknown topic": ([plain], {"message_index_offsets": {7: 0}}, "does not say which topics"),
+        "no topic": ([plain], {"message_index_offsets": {}}, "does not say which topics"),
+        "chunks missing": ([plain], {"chunk_count": 5}, "lists 1 of 5 chunks"),
+        "too many messages": ([plain], {"message_count": 2**60}, "messages; Sonobench reads up to"),
+        "summary outside": ([plain], {"summary_start": 2**40}, "footer points nowhere"),
+        "attachment outside": ([plain], {"attachment_offset": 2**50}, "points outside"),
+        "message beyond its chunk": ([chunk(short)], {}, "message reaches past"),
+        "record beyond its chunk": ([chunk(b"\x63" + (2**40).to_bytes(8, "little"))], {}, "record reaches past"),
+        "stray bytes": ([chunk(messages(1) + b"\x05\x01")], {}, "damaged"),
+        "message too short": ([chunk(b"\x05" + bytes(8) + bytes(40))], {}, "message reaches past"),
+        "channel not in the index": ([chunk(messages(1, channel=2))], {}, "leaves out a topic"),
+        "no checksum": ([chunk(messages(1), crc=0)], {}, "fails its checksum"),
+        "wrong checksum": ([chunk(messages(1), crc=1)], {}, "fails its checksum"),
+        "unknown compression": ([chunk(messages(1), "lzma")], {}, "compressed with 'lzma'"),
+        "not zstd": ([chunk(messages(1), "zstd")], {}, "damaged"),
+        "not lz4": ([chunk(messages(1), "lz4")], {}, "damaged"),
+        "lz4 cut": ([chunk(lz4.frame.compress(messages(9))[:-4], "lz4", declared=9 * 31, crc=zlib.crc32(messages(9)))], {}, "damaged"),
+        "two zstd frames": ([chunk(zstandard.compress(messages(1)) * 2, "zstd", declared=31, crc=zlib.crc32(messages(1)))], {}, "damaged"),
+        "not a protobuf": ([chunk(messages(1, size=5))], {}, "damaged"),
     }
 
 
 @pytest.mark.parametrize("fault", _hostile())
 def test_a_hostile_index_or_chunk_is_refused(tmp_path, fault):
-    chunks, index = _hostile()[fault]
+    chunks, index, said = _hostile()[fault]
     path = forge(tmp_path / "hostile.mcap", chunks, **index)
     begin = time.perf_counter()
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(LogError, match=said) as caught:
         open_recording(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert time.perf_counter() - begin < 1
