@@ -239,7 +239,7 @@ class Registry:
         found = [(p, f) for p, f in files.get(bare, []) if not dist or p.distribution == dist]
         if len(found) == 1:
             return found[0][1]
-        kind = folder.removesuffix("s").removesuffix("ie")
+        kind = f"{folder[:-3]}y" if folder.endswith("ies") else folder.removesuffix("s")
         if found:
             raise PluginError(f"more than one distribution ships a {kind} {bare!r}: {sorted(f'{p.distribution}:{bare}' for p, _ in found)}")
         raise PluginError(f"no {kind} is named {name!r}{did_you_mean(name, files) or f'; there are {sorted(files)}'}")

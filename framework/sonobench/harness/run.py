@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from sonobench.errors import InputError, TableError
 from sonobench.harness import run_folder
@@ -67,11 +67,11 @@ class Run:
         missing = {m: planned - set(self.scores.loc[head.astype(bool), "trial_key"]) for m, head in heads.items()}
         return {m: keys for m, keys in missing.items() if keys}
 
-    def board(self, metric: str | None = None, by: str | None = None, vs: str | None = None) -> Any:
+    def board(self, metric: str | None = None, by: str | None = None, vs: str | None = None, also: Sequence[str] = ()) -> pd.DataFrame:
         """The leaderboard of a metric (by default the first); see `sonobench.board.leaderboard`."""
         from sonobench.board import leaderboard
 
-        return leaderboard(self.trials, self.scores, self._metric(metric), by, vs)
+        return leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also)
 
     def report(self, trials: Sequence[str] = (), metric: str | None = None, out: str | Path | None = None) -> list[Path]:
         """Write pictures of trials; see `sonobench.report.write_report`."""

@@ -137,7 +137,7 @@ class Study:
         return run_study(self, out=out, jobs=jobs, **options)
 
     def to_table(self) -> dict[str, Any]:
-        """Plain data that says what was run (study.json)."""
+        """Plain data that says what was run (study.json); `from_table` reads it again, without `name` and `folder`."""
         return {
             "name": self.name,
             "folder": str(self.folder),
@@ -148,7 +148,7 @@ class Study:
             "seed": self.seed,
             "metrics": [dict(m) for m in self.metrics],
             "pipelines": {k: dict(v) for k, v in self.pipelines.items()},
-            "sweep": {".".join(k): list(v) for k, v in self.sweep.items()},
+            "sweep": _nested(self.sweep),
         }
 
 
@@ -253,6 +253,16 @@ class _Reader:
             self.fault("metrics", "the study names no metric; add metrics = [NAME]")
         if not study.scenes and any(p[0] == "scene" for p in study.sweep):
             self.fault("sweep.scene", "sweeps scenes, but the study has only recordings")
+
+
+def _nested(sweep: Mapping[tuple[str, ...], Sequence[Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for path, alternatives in sweep.items():
+        leaf = table
+        for name in path[:-1]:
+            leaf = leaf.setdefault(name, {})
+        leaf[path[-1]] = list(alternatives)
+    return table
 
 
 def _leaves(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
