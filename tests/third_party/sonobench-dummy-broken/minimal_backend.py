@@ -1,0 +1,1 @@
+../sonobench-dummy/minimal_backend.py

@@ -1,0 +1,1 @@
+"""Scenes and pipelines of a third party."""
