@@ -33,7 +33,7 @@ def _interval(table: pd.DataFrame, attrs: Mapping[str, Any]) -> str:
     averaged = f" ({attrs['repetitions']} repetitions of a scene averaged first)" if over == "scenes" and attrs["repetitions"] > 1 else ""
     methods = set(table["interval"]) - {""}
     if n < 2:
-        return f"no interval: only {n} {one if n == 1 else over}." if n else "no interval: no complete block to rank."
+        return f"no interval: only {n} {one}." if n else "no complete block to rank; means and intervals are of what each pipeline covers."
     if methods == {"bootstrap-t"}:
         return f"95% CI: bootstrap-t over {n} {over}{averaged}."
     mixed = "bootstrap-t, and " if "bootstrap-t" in methods else ""
@@ -49,7 +49,8 @@ def _separation(table: pd.DataFrame, attrs: Mapping[str, Any], values: pd.DataFr
         return []
     needed = statistics.units_needed(comparisons)
     if n < statistics.MIN_UNITS:
-        return [f"too few {over} to rank: {n}; {statistics.MIN_UNITS} are needed for one comparison, {needed} for these {comparisons}."]
+        more = f" for one comparison, {needed} for these {comparisons}" if comparisons > 1 else ""
+        return [f"too few {over} to rank: {n}; {statistics.MIN_UNITS} are needed{more}."]
     found = ["same letter = not separated (paired sign flips, Holm 5%); ranks in brackets hold in 95% of resamples."]
     if n < needed:
         found.append(f"too few {over} to separate anything among {comparisons} comparisons: {n}; {needed} are needed.")

@@ -26,7 +26,7 @@ def render(board: pd.DataFrame, format: str = "text") -> str | bytes:
         InputError: another format.
     """
     if format == "csv":
-        return board.to_csv(index=False)
+        return board.to_csv(index=False).rstrip("\n")
     if format == "json":
         rows = json.loads(board.to_json(orient="records", double_precision=15))
         return json.dumps({"board": _finite(board.attrs), "rows": rows}, indent=2, ensure_ascii=False)
@@ -84,7 +84,7 @@ def _cells(board: pd.DataFrame, attrs: Mapping[str, Any]) -> tuple[list[str], li
     scales = {name: _digits(board[name]) for name in more}
     rows = []
     for position, row in enumerate(board.to_dict("records"), 1):
-        place = f"{position:2d}" if pd.notna(row["mean"]) else " –"
+        place = f"{position:2d}" if row["pipeline"] in attrs["entrants"] else " –"
         cells = [
             f"{place} {row['pipeline']}{'°' if row['given'] else ''}",
             f"({row['origin']})",
@@ -106,7 +106,7 @@ def _cells(board: pd.DataFrame, attrs: Mapping[str, Any]) -> tuple[list[str], li
 def _digits(values: Sequence[float] | pd.Series[float]) -> int:
     """Decimals that give the middle of the values three significant digits."""
     known = sorted(abs(v) for v in values if pd.notna(v) and v != 0)
-    return 2 if not known else min(max(2 - math.floor(math.log10(known[len(known) // 2])), 0), 6)
+    return 2 if not known else min(max(2 - math.floor(math.log10(known[(len(known) - 1) // 2])), 0), 6)
 
 
 def _number(value: float, digits: int, sign: str = "") -> str:

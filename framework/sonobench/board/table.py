@@ -37,7 +37,7 @@ def leaderboard(
         Columns: the one of `by`, rank (missing where unranked), pipeline, origin, mean, low, high (95 %), interval (its
         method), rank_low, rank_high, tie, failures, trials, coverage, ms_per_frame, given; with `vs` diff, diff_low,
         diff_high, diff_p; then those of `also`. `attrs` says what it is of: metric, unit, better, scenes, repetitions,
-        over (what the interval is over), units, and notes; with `by` one such table for each value under "groups".
+        over (what the interval is over), units, entrants (who can be ranked), and notes; with `by` one such table for each value under "groups".
 
     Raises:
         InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is.
@@ -85,6 +85,7 @@ def _board(trials: pd.DataFrame, chosen: dict[str, pd.DataFrame], vs: str | None
         "repetitions": int(planned.groupby(["scene", "cell"])["block"].nunique().max()),
         "over": units.over,
         "units": len(units.values),
+        "entrants": [p for p in table["pipeline"] if p in units.values.columns],
         "vs": vs,
     }
     table.attrs["notes"] = notes.of(table, rows, units.values, blocks, pool)
