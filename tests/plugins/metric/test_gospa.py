@@ -30,6 +30,14 @@ def test_it_is_the_minimum_over_all_matchings(x, y, c, p, alpha):
     assert value(x, y, p=p, c_m=c, alpha=alpha) == pytest.approx(brute_gospa(distances(x, y), c, p, alpha), abs=1e-7)
 
 
+@pytest.mark.parametrize("p", [1.0, 2.0, 4.0])
+def test_it_is_the_minimum_where_sets_are_crowded_so_that_the_order_decides_the_assignment(p):
+    rng = np.random.default_rng(4)
+    for _ in range(150):
+        x, y = rng.normal(size=(rng.integers(2, 5), 2)), rng.normal(size=(rng.integers(2, 5), 2))
+        assert value(x, y, p=p, c_m=4.0) == pytest.approx(brute_gospa(distances(x, y), 4.0, p), abs=1e-9)
+
+
 @settings(max_examples=200)
 @given(points, points, points, cuts, orders, alphas)
 def test_it_is_a_metric(x, y, z, c, p, alpha):

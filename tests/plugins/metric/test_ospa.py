@@ -31,6 +31,14 @@ def test_it_is_the_minimum_over_all_assignments(x, y, c, p):
     assert value(x, y, p=p, c_m=c) == pytest.approx(brute_ospa(distances(x, y), c, p), abs=1e-9)
 
 
+@pytest.mark.parametrize("p", [1.0, 2.0, math.inf])
+def test_it_is_the_minimum_where_sets_are_crowded_so_that_the_order_decides_the_assignment(p):
+    rng = np.random.default_rng(4)
+    for _ in range(150):
+        x, y = rng.normal(size=(rng.integers(2, 5), 2)), rng.normal(size=(rng.integers(2, 5), 2))
+        assert value(x, y, p=p, c_m=4.0) == pytest.approx(brute_ospa(distances(x, y), 4.0, p), abs=1e-9)
+
+
 @given(points, cuts, orders)
 def test_a_set_is_at_distance_0_from_itself_in_any_order(x, c, p):
     assert value(x, x[::-1], p=p, c_m=c) == 0.0
