@@ -24,6 +24,7 @@ from sonobench.protocols import BoundMeasurement, Mixture, State
 from sonobench.types import Array, Floats, Scan, Setup, Space
 
 _ITERATIONS = 8
+_SETTLED_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,6 +135,8 @@ class FromDetections:
             r, J = _stack(grid, scan, x, places, used)
             step = np.linalg.solve(J.T @ J + prior, J.T @ r)
             x[columns] = np.clip(x[columns] + step, *grid.box_m)
+            if np.abs(step).max() < _SETTLED_M:
+                break
         r, J = _stack(grid, scan, x, places, used)
         if r @ r > _chi2(self.gate, len(r) - len(columns) if len(r) > len(columns) else 1):
             return None
