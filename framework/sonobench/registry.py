@@ -114,6 +114,11 @@ class Registry:
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         plugin = Plugin(str(path), "local", digest[:8], path.resolve())
+        twin = next((p for p in self.plugins if p.path is not None and p.version == digest[:8]), None)
+        if twin is not None and twin.path == path.resolve():
+            return
+        if twin is not None:
+            raise PluginError(f"{path}: is a copy of {twin.name}, which is loaded already; name one of them")
         loaded = self._add(plugin, lambda: load_file(path.resolve(), digest))
         if loaded.reason:
             raise PluginError(f"{path}: {loaded.reason}\n{loaded.details}".rstrip())
@@ -248,8 +253,8 @@ class Registry:
         """Tell every observer; one that raises is a warning."""
         for implementation in self._manager.hook.sonobench_trial_finished.get_hookimpls():
             try:
-                implementation.function(row)
-            except Exception as error:  # an observer must not lose a row
+                implementation.function(*({"row": row}[name] for name in implementation.argnames))  # a hook may leave arguments out
+            except (Exception, SystemExit) as error:  # an observer must not lose a row
                 warnings.warn(f"observer {implementation.plugin_name} raised {type(error).__name__}: {error}", stacklevel=2)
 
 
@@ -320,7 +325,7 @@ def _check_role(entry: Entry, component: Any) -> None:
 
     from sonobench.protocols import ROLES
 
-    if not isinstance(component, type) or not dataclasses.is_dataclass(component):
+    if not isinstance(component, type) or "__dataclass_params__" not in vars(component):  # a base's decorator does not count
         raise UnavailableError(entry.role, entry.full_name, f"{component!r} is not a dataclass; write @dataclass(frozen=True) above it")
     if not vars(component)["__dataclass_params__"].frozen:
         raise UnavailableError(entry.role, entry.full_name, f"{component.__name__} is not frozen; write @dataclass(frozen=True)")

@@ -182,8 +182,9 @@ def _missing(component: Any, role: str) -> str:
     kind = type(component)
     if not dataclasses.is_dataclass(component) or isinstance(component, type):
         return f"{component!r} is no component; build one: a component is an instance of a frozen dataclass"
-    if not vars(kind)["__dataclass_params__"].frozen:
-        return f"{kind.__name__} is not frozen; write @dataclass(frozen=True)"
+    parameters = vars(kind).get("__dataclass_params__")
+    if parameters is None or not parameters.frozen:  # a base's decorator does not count
+        return f"{kind.__name__} is not frozen; write @dataclass(frozen=True) above it"
     protocol = ROLES[role]
     names = {n for n in vars(protocol) if not n.startswith("_")} | set(getattr(protocol, "__annotations__", ()))
     lacking = sorted(n for n in names if not hasattr(component, n))
