@@ -80,7 +80,8 @@ def forget() -> None:
 def _closure(start: frozenset[str]) -> Closure:
     modules: dict[str, str] = {}
     distributions: dict[str, str] = {}
-    todo, seen = sorted(start), set(start)
+    seen = {m for name in start for m in (name, *_parents(name))}
+    todo = sorted(seen)
     while todo:
         name = todo.pop()
         path = _location(name)
@@ -97,6 +98,11 @@ def _closure(start: frozenset[str]) -> Closure:
             elif root not in sys.stdlib_module_names:
                 distributions[root] = _distribution(root)
     return Closure(dict(sorted(modules.items())), dict(sorted(distributions.items())))
+
+
+def has_version(module: str) -> bool:
+    """Whether a module's code goes by a version (Python's own, or installed from a wheel) and need not be read."""
+    return not _followed(module.partition(".")[0], "")
 
 
 def _followed(root: str, own: str) -> bool:

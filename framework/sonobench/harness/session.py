@@ -14,7 +14,7 @@ from typing import Any
 
 from sonobench.harness.cache import SCANS_BUDGET, Cache
 from sonobench.harness.cell import Outcome
-from sonobench.harness.code import code
+from sonobench.harness.code import closure, code
 from sonobench.harness.journal import Journal
 from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
 from sonobench.harness.plan import PipelineEntry, Plan, PlannedTrial, Source
@@ -52,6 +52,7 @@ class Codes:
     trackers: Mapping[str, str]
     scenes: Mapping[int, str]
     metrics: Mapping[str, str]
+    modules: tuple[str, ...]  # all that were read
 
     @classmethod
     def of(cls, plan: Plan) -> Codes:
@@ -62,6 +63,7 @@ class Codes:
             {name: code(p.tracker, "sonobench.pipeline") for name, p in built.items()},
             {id(s): code(s.scene) for s in plan.sources if s.scene is not None},
             {m.label: code(m.metric, "sonobench.scoring") for m in plan.metrics},
+            tuple(closure(*built.values(), *(s.scene for s in plan.sources), *(m.metric for m in plan.metrics)).modules),
         )
 
 
@@ -249,6 +251,7 @@ class Session:
             input_sha=row["input_sha"],
             estimate_key=row["estimate_key"],
             scans_key=self._scans_key(trial.entry, row["input_sha"]),
+            known=self._codes.modules,
             output=str(self.folder / "estimates" / f"{row['estimate_key']}.{suffix}"),
         )
         return Job(task, take, (trial,), self._log(trial.trial_key))
@@ -281,7 +284,7 @@ class Session:
     def _reusable(self, row: Row) -> Row | None:
         """The stored row of the same output, under this trial's name."""
         stored = self.journal.recorded.outputs.get(row["estimate_key"])
-        if stored is None or not (self.folder / stored["estimates_path"]).exists():
+        if stored is None or stored["open"] or not (self.folder / stored["estimates_path"]).exists():
             return None
         about = ("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run", "recording_key", "truth_sha")
         return stored | {k: row[k] for k in (*about, *self.plan.columns)}

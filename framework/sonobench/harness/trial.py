@@ -23,6 +23,7 @@ from sonobench.components import canonical_json
 from sonobench.errors import InputError, LogError, SetupError
 from sonobench.files import replace_file
 from sonobench.harness.cache import Cache
+from sonobench.harness.code import has_version
 
 if TYPE_CHECKING:
     from sonobench.log import Recording
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 Task = Mapping[str, Any]
 _WARM_BLOCKS, _WARM_SCANS = 2, 3
 _WARMED: set[str] = set()  # what has run once in this process
+_BEFORE: set[str] = set()  # modules that are there before any component is built
 
 
 def perform(task: Task) -> dict[str, Any]:
@@ -110,6 +112,7 @@ def track(task: Task) -> dict[str, Any]:
         "tracker_s": timer.seconds,
         "cpu_s": timer.cpu_s,
         "frames": len(made.scans),
+        "open": bool(_beyond(task["known"])),
         "real_time_factor": (made.front_end_s + timer.seconds) / duration_s if duration_s > 0 else float("nan"),
     }
 
@@ -253,7 +256,9 @@ def _registry(task: Task) -> Registry:
 def _loaded(plugins: tuple[tuple[str, str], ...]) -> Registry:
     from sonobench.registry import Registry
 
-    return Registry.load([path for path, _ in plugins])
+    registry = Registry.load([path for path, _ in plugins])
+    _BEFORE.update(sys.modules)
+    return registry
 
 
 def _pipeline(task: Task) -> Pipeline:
@@ -277,6 +282,15 @@ def _opened(path: str, _mtime_ns: int) -> Recording:
 
 def _recording(path: str) -> Recording:
     return _opened(path, os.stat(path).st_mtime_ns)
+
+
+def _beyond(known: Sequence[str]) -> list[str]:
+    """Modules that components imported while they were built or ran, though no import statement leads to them; named in the log."""
+    new = set(sys.modules) - _BEFORE - set(known)
+    found = sorted(m for m in new if m.partition(".")[0] != "sonobench" and not has_version(m))
+    if found:
+        print(f"open: code beyond what import statements say: {', '.join(found)}; this trial's result is never reused", file=sys.stderr)
+    return found
 
 
 def _reset_peak() -> None:
