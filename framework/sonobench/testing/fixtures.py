@@ -29,6 +29,14 @@ _ON_WALLS = np.array(
 _HEIGHTS = np.array([0.9, 1.5, 1.6, 0.9, 1.0, 1.5, 1.5, 0.8])
 
 
+#: state spaces that components are tried on, in this order
+SPACES = (
+    Space.of("x_m", "vx_m_s", "y_m", "vy_m_s"),
+    Space.of("x_m", "vx_m_s", "y_m", "vy_m_s", "z_m", "vz_m_s"),
+    Space.of("x_m", "y_m", "z_m"),
+)
+
+
 def microphones(planar: bool = False) -> Array:
     """(8, 3) m; all at the talkers' height, or spread around it."""
     heights = np.full(8, HEIGHT_M) if planar else _HEIGHTS
@@ -215,6 +223,18 @@ def nobody(k: int = 10) -> Truth:
     """Truth without targets."""
     none: Any = np.zeros((k, 0), bool)
     return Truth(regular(k), np.zeros(0, int), np.zeros((k, 0, 3)), none, none, velocity=np.zeros((k, 0, 3)), period_s=PERIOD_S)
+
+
+def gaussians(space: Space, n: int = 5) -> tuple[Array, Array, Any]:
+    """n Gaussians around the middle of the room, slow; mode 0."""
+    rng = np.random.default_rng(8)
+    root = 0.3 * np.random.default_rng(0).standard_normal((n, len(space), len(space)))
+    middle = [1.5 if name in ("x_m", "y_m", "z_m") else 0.2 for name in space.names]
+    return (
+        np.array(middle) + 0.3 * rng.standard_normal((n, len(space))),
+        np.asarray(root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(len(space))),
+        np.zeros(n, np.int64),
+    )
 
 
 @dataclass(frozen=True, eq=False)

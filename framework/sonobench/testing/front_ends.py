@@ -12,7 +12,7 @@ from sonobench import pipeline
 from sonobench.errors import SetupError, SonobenchError
 from sonobench.testing import fixtures
 from sonobench.testing.fixtures import MemoryRecording
-from sonobench.testing.kit import Case, Skip, broken, claim, need
+from sonobench.testing.kit import Case, Skip, broken, claim, need, unmet
 from sonobench.types import Scan
 
 _FRONT_END = ("front_end",)
@@ -65,7 +65,12 @@ def _rows(scan: Scan) -> Any:
 @claim("front_end.runs", _FRONT_END)
 def runs(case: Case) -> None:
     """A front end takes an ordinary recording and gives scans."""
-    need(run(case.component, recording(case.component)), "gave no scan of 1.2 s of sound")
+    source = recording(case.component)
+    try:
+        case.component.open(source.header)
+    except SetupError as error:
+        raise unmet([error]) from None
+    need(run(case.component, source), "gave no scan of 1.2 s of sound")
 
 
 @claim("front_end.scans", _FRONT_END, ["front_end.runs"])

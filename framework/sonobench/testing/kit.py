@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
+import numpy as np
+
 from sonobench.components import build
-from sonobench.errors import SetupError, TableError, UnavailableError
+from sonobench.errors import TableError, UnavailableError
 from sonobench.protocols import ROLES
 from sonobench.registry import Entry, Registry, did_you_mean
 
@@ -94,10 +96,28 @@ def broken(sentence: str) -> NoReturn:
     raise Broken(sentence)
 
 
+def unmet(reasons: Iterable[object]) -> Skip:
+    """The kit's setups lack what the component needs, as its own SetupErrors say."""
+    return Skip("the synthetic setup lacks what it needs: " + "; ".join(dict.fromkeys(map(str, reasons))))
+
+
 def need(holds: Any, sentence: str) -> None:
     """Give up with a finding unless it holds."""
     if not holds:
         raise Broken(sentence)
+
+
+def untouched(call: Callable[..., Any], *arrays: Any) -> None:
+    """Call with read-only copies; give up with a finding where they are written to."""
+    copies = [np.array(a) for a in arrays]
+    for one in copies:
+        one.flags.writeable = False
+    try:
+        call(*copies)
+    except ValueError as error:
+        if "read-only" in str(error):
+            raise Broken(f"writes into its arguments ({error}); build new arrays") from None
+        raise
 
 
 def check(component: Any, role: str, registry: Registry | None = None) -> list[Finding]:
@@ -155,8 +175,6 @@ def _run(one: Check, case: Case, held: set[str]) -> tuple[Result, str]:
             one.run(case)
     except Skip as reason:
         return "skipped", str(reason)
-    except SetupError as error:
-        return "skipped", f"the synthetic setup lacks what it needs: {error}"
     except Broken as fault:
         return "failed", str(fault)
     except Exception as error:  # a component under test may raise anything

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from sonobench import pipeline
-from sonobench.errors import SonobenchError
+from sonobench.errors import SetupError, SonobenchError
 from sonobench.protocols import Rendering
 from sonobench.testing import fixtures
-from sonobench.testing.kit import Case, Skip, broken, claim, need
+from sonobench.testing.kit import Case, Skip, broken, claim, need, unmet
 from sonobench.types import identical
 
 _TRAJECTORY, _SIMULATOR, _PIPELINE = ("trajectory",), ("simulator",), ("pipeline",)
@@ -135,7 +135,10 @@ def pipeline_runs(case: Case) -> None:
     """A pipeline goes from a recording to estimates, or ends at its scans."""
     samples = getattr(case.component.front_end, "consumes", "samples") == "samples"
     recording: Any = fixtures.sampled() if samples else fixtures.measured()
-    setup, scans = pipeline.scans_of(case.component.front_end, recording, case.component.given)
-    need(scans, "the front end gave no scan")
-    if case.component.tracker is not None:
-        pipeline.track(case.component.tracker, setup, scans, np.random.default_rng(0))
+    try:
+        setup, scans = pipeline.scans_of(case.component.front_end, recording, case.component.given)
+        need(scans, "the front end gave no scan")
+        if case.component.tracker is not None:
+            pipeline.track(case.component.tracker, setup, scans, np.random.default_rng(0))
+    except SetupError as error:
+        raise unmet([error]) from None

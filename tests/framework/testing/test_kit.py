@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 from kit_faults import FAULTS, GOOD
+from kit_good import GoodTracker
 
+from sonobench.errors import SetupError
 from sonobench.registry import Entry, Plugin, Registry
 from sonobench.testing import CHECKS, check, check_file
 
@@ -95,6 +97,33 @@ def test_what_cannot_be_asked_is_skipped_with_its_reason(registry: Registry) -> 
     assert findings["tracker.rows"].result == "skipped"
     assert "builds on tracker.seed" in findings["tracker.rows"].sentence
     assert findings["tracker.rows"].ok
+
+
+@dataclass(frozen=True)
+class Smelling(GoodTracker):
+    """Reads what the kit's room has not."""
+
+    def init(self, rng: Any, setup: Any) -> Any:
+        setup.of_kind("odour", "smelling")
+
+
+@dataclass(frozen=True)
+class Fickle(GoodTracker):
+    """Finds out too late."""
+
+    def fix(self, state: Any, rows: Any) -> Any:
+        raise SetupError("no room")
+
+
+def test_a_need_that_the_kits_room_does_not_meet_is_a_reason_not_a_fault(registry: Registry) -> None:
+    findings = [f for f in check(Smelling(), "tracker", registry) if f.check.startswith("tracker.")]
+    assert {f.result for f in findings} == {"skipped"}
+    assert "smelling reads sensors of kind 'odour'; the front end lists" in findings[0].sentence
+
+
+def test_a_setup_error_after_init_is_a_fault(registry: Registry) -> None:
+    failed = [f for f in check(Fickle(), "tracker", registry) if f.result == "failed"]
+    assert [f.check for f in failed] == ["tracker.runs"]
 
 
 PLUGIN = """
