@@ -115,7 +115,8 @@ class Cell:
             code = self._process.wait() if self._process else None
             self.close()
             self._start()
-            return Outcome("crash", exc_type="CellDied", exc_message=f"the guarding process was ended from outside (exit code {code})")
+            how = f"failed with exit code {code}, see stderr" if code and code > 0 else "was killed from outside"
+            return Outcome("crash", exc_type="CellDied", exc_message=f"the guarding process {how}")
         common = {"wall_s": answer["wall_s"], "log_bytes": answer["log_bytes"]}
         if answer["status"] != "ok":
             kinds = {"crash": "Crash", "timeout": "TimeoutError", "oom": "MemoryError"}
