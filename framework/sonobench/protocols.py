@@ -209,8 +209,9 @@ class Series:
     """One column of a metric.
 
     Attributes:
-        values: (k,) per evaluation time; NaN only where `weights` is 0 (undefined at that time).
-        weights: (k,), 0 where the value does not count.
+        values: (k,) one per valid evaluation time for the pool "frame-rms"; of any length else (one a frame, one a matched
+            target). NaN only where `weights` is 0.
+        weights: as many, 0 where the value does not count.
         unit: "m", "1", …
         better: which way is good.
         pool: how values become a number over frames and runs. "mean": weighted mean; "rms": root of the weighted mean

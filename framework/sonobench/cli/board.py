@@ -12,6 +12,7 @@ from sonobench.cli.output import emit, json_option
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--metric", "metrics", multiple=True, help="Which board; repeatable; default: the study's first metric.")
+@click.option("--with", "also", multiple=True, metavar="METRIC", help="Add a column with the mean of another metric; repeatable.")
 @click.option("--by", help="One board a value of this column, such as a swept parameter (any unique suffix).")
 @click.option("--vs", help="Show differences against this pipeline.")
 @click.option("--format", "format_", type=click.Choice(["text", "md", "csv", "json", "parquet"]), default="text", show_default=True)
@@ -20,7 +21,14 @@ from sonobench.cli.output import emit, json_option
 )
 @json_option
 def board(
-    runs: tuple[str, ...], metrics: tuple[str, ...], by: str | None, vs: str | None, format_: str, out: Path | None, as_json: bool
+    runs: tuple[str, ...],
+    metrics: tuple[str, ...],
+    also: tuple[str, ...],
+    by: str | None,
+    vs: str | None,
+    format_: str,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Print the leaderboard of RUN (a folder, or a name in runs/)."""
     from sonobench.board import render
@@ -34,7 +42,7 @@ def board(
         raise InputError(f"--format {format_} holds one board, got {len(wanted)} metrics; call once for each")
     if format_ == "parquet" and out is None:
         raise InputError("--format parquet is binary; name a file with -o")
-    rendered = [render(opened.board(m, by=by, vs=vs), format_) for m in wanted]
+    rendered = [render(opened.board(m, by=by, vs=vs, also=also), format_) for m in wanted]
     content = rendered[0] if isinstance(rendered[0], bytes) else "\n\n".join(map(str, rendered))
     if out is None:
         click.echo(content)

@@ -62,13 +62,15 @@ def make(scene: str, seed: int, out: Path, plugins: tuple[str, ...], as_json: bo
 
 
 @data.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("recording", metavar="FILE")
+@plugin_option
 @json_option
-def info(file: Path, as_json: bool) -> None:
-    """Describe a recording; reads no samples."""
-    from sonobench.log import open_recording
+def info(recording: str, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Describe a recording (FILE.mcap, or the name of a shipped one); reads no samples."""
+    from sonobench.cli.output import open_named
+    from sonobench.registry import Registry
 
-    described = _described(open_recording(file), hashes=False)
+    described = _described(open_named(recording, Registry.load(plugins)), hashes=False)
     emit(described, _text(described), as_json)
 
 

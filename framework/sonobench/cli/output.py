@@ -35,6 +35,13 @@ def columns(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in cells)
 
 
+def open_named(recording: str, registry: Any) -> Any:
+    """The recording of a path that ends in .mcap, or a shipped one by name."""
+    from sonobench.log import open_recording
+
+    return open_recording(recording if recording.endswith(".mcap") else registry.find_data("recordings", recording, ".mcap"))
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)

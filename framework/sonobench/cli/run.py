@@ -25,6 +25,7 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
 )
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="The run's folder; default: runs/STUDY.")
 @click.option("--fresh", is_flag=True, help="Repeat what is already there.")
+@click.option("--in-process", is_flag=True, help="No worker processes: for debuggers; no isolation and no limits.")
 @click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
 @plugin_option
 @json_option
@@ -53,10 +54,12 @@ def _print_boards(finished: Any, as_json: bool) -> None:
     if as_json:
         import json
 
-        boards = {m: json.loads(render(finished.board(m), "json")) for m in metrics[:1]}
+        boards = {m: json.loads(render(finished.board(m), "json")) for m in metrics}
         emit({"run": str(finished.path), "failed": finished.failed, "boards": boards}, "", True)
         return
-    click.echo(render(finished.board(metrics[0]), "text") if metrics else f"{len(finished.trials)} trials, no metric asked for")
+    click.echo(
+        render(finished.board(metrics[0], also=metrics[1:]), "text") if metrics else f"{len(finished.trials)} trials, no metric asked for"
+    )
     click.echo(f"\nrun folder: {finished.path}   (sonobench board {finished.path} --metric {{{','.join(metrics)}}})")
     if finished.failed:
         click.echo(columns(_failures(finished), ["pipeline", "scene", "repetition", "status", "message"]), err=True)
@@ -77,31 +80,32 @@ def _failures(finished: Any) -> list[dict[str, Any]]:
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("recording", metavar="FILE")
 @click.option("--pipeline", required=True, help="A registered pipeline.")
 @click.option("--run", "run_number", type=click.IntRange(min=0), default=0, show_default=True, help="Which random numbers a tracker draws.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the estimates to this .mcap file.")
 @plugin_option
 @json_option
-def replay(file: Path, pipeline: str, run_number: int, out: Path | None, plugins: tuple[str, ...], as_json: bool) -> None:
-    """Replay a recording FILE through a pipeline; the same estimates, bit for bit, everywhere."""
+def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plugins: tuple[str, ...], as_json: bool) -> None:
+    """Replay a recording (FILE.mcap, or the name of a shipped one) through a pipeline; the same estimates, bit for bit, everywhere."""
     import time
 
     from sonobench.components import build, identity
-    from sonobench.log import estimates_sha, open_recording, write_estimates
+    from sonobench.cli.output import open_named
+    from sonobench.log import estimates_sha, write_estimates
     from sonobench.pipeline import replay as replay_recording
     from sonobench.registry import Registry
 
     registry = Registry.load(plugins)
     built = build("pipeline", pipeline, registry, "--pipeline")
-    recording = open_recording(file)
+    opened = open_named(recording, registry)
     begin = time.perf_counter()
-    estimates = replay_recording(built, recording, run_number)
+    estimates = replay_recording(built, opened, run_number)
     elapsed_s = time.perf_counter() - begin
     meta = {
         "pipeline": pipeline,
         "pipeline_sha": identity(built, registry, "pipeline"),
-        "input_sha": recording.input_sha,
+        "input_sha": opened.input_sha,
         "run": run_number,
     }
     if out is not None:
@@ -113,7 +117,7 @@ def replay(file: Path, pipeline: str, run_number: int, out: Path | None, plugins
         "mean_count": sum(counts) / max(len(counts), 1),
         "estimates_sha": estimates_sha(estimates, built.tracker.space),
         "seconds": round(elapsed_s, 3),
-        "times_real_time": round(recording.header.duration_s / elapsed_s, 1),
+        "times_real_time": round(opened.header.duration_s / elapsed_s, 1),
         "out": None if out is None else str(out),
     }
     emit(content, "\n".join(f"{k.ljust(16)} {v}" for k, v in content.items() if v is not None), as_json)

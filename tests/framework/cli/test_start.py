@@ -8,7 +8,20 @@ import sys
 
 import pytest
 
-HEAVY = ("numpy", "scipy", "pandas", "pluggy", "numba", "mcap", "matplotlib", "pyarrow", "cattrs", "rich", "sonobench_plugins", "sonobench_datasets")
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "pluggy",
+    "numba",
+    "mcap",
+    "matplotlib",
+    "pyarrow",
+    "cattrs",
+    "rich",
+    "sonobench_plugins",
+    "sonobench_datasets",
+)
 
 
 def modules_after(arguments: list[str]) -> set[str]:
@@ -24,7 +37,9 @@ print(json.dumps(sorted({{m.split('.')[0] for m in sys.modules}})))
     return set(json.loads(done.stdout))
 
 
-@pytest.mark.parametrize("verb", [[], ["run"], ["board"], ["report"], ["replay"], ["data"], ["data", "make"], ["plugins"], ["plugins", "check"]])
+@pytest.mark.parametrize(
+    "verb", [[], ["run"], ["board"], ["report"], ["replay"], ["data"], ["data", "make"], ["plugins"], ["plugins", "check"]]
+)
 def test_help_imports_no_numpy_pandas_pluggy_or_plugin(verb: list[str]) -> None:
     assert not modules_after([*verb, "--help"]) & set(HEAVY)
 
