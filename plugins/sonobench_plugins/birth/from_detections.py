@@ -11,6 +11,7 @@ scan is the first that can confirm them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from sonobench.filtering.kinematics import position_columns, variances
 from sonobench.filtering.mixture import empty, take, union
 from sonobench.filtering.steps import pose_of
 from sonobench.protocols import BoundMeasurement, Mixture, State
-from sonobench.types import Array, Floats, Scan, Setup, Space
+from sonobench.types import Array, Bools, Floats, Scan, Setup, Space
 
 _ITERATIONS = 8
 _SETTLED_M = 1e-5
@@ -29,7 +30,17 @@ _SETTLED_M = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """What `propose` needs of the setup: models, the room, and states x (G, d) on a grid of cells step_m (axes,) wide."""
+    """What `propose` needs of the setup.
+
+    Attributes:
+        measurement, setup: the models.
+        columns: of the position in a state.
+        box_m: the room.
+        step_m: (axes,) widths of the grid's cells.
+        x: (G, d) states on the grid.
+        spread: (d,) variances of a birth's velocity.
+        still: by sensor, its images of the grid (see `_images`) while the arrays stand where the setup says.
+    """
 
     measurement: BoundMeasurement
     setup: Setup
@@ -38,6 +49,7 @@ class Grid:
     step_m: Array
     x: Array
     spread: Array
+    still: Mapping[int, tuple[Floats, Array]]
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,8 @@ class FromDetections:
         x = np.zeros((int(np.prod(counts)), len(space)))
         x[:, columns] = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(columns))
         spread = variances(space, 0.0, self.velocity_std_m_s, who)
-        return Grid(measurement=measurement, setup=setup, columns=columns, box_m=box, step_m=step, x=x, spread=spread)
+        still = {q: _images(measurement, x, step, columns, q, None) for q in measurement.sensors}
+        return Grid(measurement=measurement, setup=setup, columns=columns, box_m=box, step_m=step, x=x, spread=spread, still=still)
 
     def _needed(self, columns: list[int]) -> int:
         return len(columns) + 1 if self.agree is None else self.agree
@@ -130,14 +143,15 @@ class FromDetections:
         """Gauss-Newton within the room from a grid state; None where the rows do not fit a place after all."""
         columns = grid.columns
         x = start.copy()
+        rows = [_Used.of(grid, scan, place, row) for place, row in zip(places, used, strict=True) if row is not None]
         prior = np.diag(12 / (grid.box_m[1] - grid.box_m[0]) ** 2)  # the room bounds what the rows leave open
         for _ in range(_ITERATIONS):
-            r, J = _stack(grid, scan, x, places, used)
+            r, J = _stack(grid, x, rows)
             step = np.linalg.solve(J.T @ J + prior, J.T @ r)
             x[columns] = np.clip(x[columns] + step, *grid.box_m)
             if np.abs(step).max() < _SETTLED_M:
                 break
-        r, J = _stack(grid, scan, x, places, used)
+        r, J = _stack(grid, x, rows)
         if r @ r > _chi2(self.gate, len(r) - len(columns) if len(r) > len(columns) else 1):
             return None
         P = np.diag(grid.spread)
@@ -167,9 +181,32 @@ class _Sensor:
             free = ~explained.any(axis=0)
             rows, limit = Rows(rows.z[free], None if rows.R is None else rows.R[free], rows.valid[free]), limit[free]
             noise = noise if rows.R is None else noise[free]
-        H = model.jacobian(grid.x, q, pose)[:, 0][..., grid.columns]
-        slack = (H**2 @ (grid.step_m**2 / 12))[:, None]  # the place may be anywhere in the cell
-        return cls(q=q, rows=rows, d2=_squared(model, rows, model.h(grid.x, q, pose)[:, 0], q, noise + slack), limit=limit)
+        z_hat, slack = grid.still[q] if pose is None else _images(model, grid.x, grid.step_m, grid.columns, q, pose)
+        return cls(q=q, rows=rows, d2=_squared(model, rows, z_hat, q, noise + slack), limit=limit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Used:
+    """One row that places a birth: its valid components z, and the inverse root of their noise."""
+
+    q: int
+    pose: Array | None
+    z: Array
+    valid: Bools
+    white: Array
+
+    @classmethod
+    def of(cls, grid: Grid, scan: Scan, place: _Sensor, row: int) -> _Used:
+        q, rows, valid = place.q, place.rows, place.rows.valid[row]
+        R = (grid.measurement.R(q, scan) if rows.R is None else rows.R[row])[np.ix_(valid, valid)]
+        white = np.linalg.inv(np.linalg.cholesky(R))
+        return cls(q=q, pose=pose_of(grid.setup, scan, q), z=rows.z[row], valid=valid, white=white)
+
+
+def _images(model: BoundMeasurement, x: Array, step_m: Array, columns: list[int], q: int, pose: Array | None) -> tuple[Floats, Array]:
+    """Images (G, dz) of the grid's states, and variances (G, 1, dz): the place may be anywhere in the cell."""
+    H = model.jacobian(x, q, pose)[:, 0][..., columns]
+    return model.h(x, q, pose)[:, 0], (H**2 @ (step_m**2 / 12))[:, None]
 
 
 def _squared(model: BoundMeasurement, rows: Rows, z_hat: Floats, q: int, variance: Floats) -> Array:
@@ -178,18 +215,12 @@ def _squared(model: BoundMeasurement, rows: Rows, z_hat: Floats, q: int, varianc
     return np.asarray(np.sum(np.where(rows.valid, residual**2 / variance, 0.0), axis=-1))
 
 
-def _stack(grid: Grid, scan: Scan, x: Array, places: list[_Sensor], used: list[int | None]) -> tuple[Array, Array]:
+def _stack(grid: Grid, x: Array, rows: list[_Used]) -> tuple[Array, Array]:
     """Whitened residuals (n,) and their Jacobian (n, axes) of the used rows at a state."""
-    residuals, slopes = [], []
-    for place, row in zip(places, used, strict=True):
-        if row is None:
-            continue
-        q, model, rows, pose = place.q, grid.measurement, place.rows, pose_of(grid.setup, scan, place.q)
-        valid = rows.valid[row]
-        R = (model.R(q, scan) if rows.R is None else rows.R[row])[np.ix_(valid, valid)]
-        white = np.linalg.inv(np.linalg.cholesky(R))
-        residuals.append(white @ model.residual(rows.z[row], model.h(x, q, pose)[0], q)[valid])
-        slopes.append(white @ model.jacobian(x, q, pose)[0][valid][:, grid.columns])
+    model, residuals, slopes = grid.measurement, [], []
+    for row in rows:
+        residuals.append(row.white @ model.residual(row.z, model.h(x, row.q, row.pose)[0], row.q)[row.valid])
+        slopes.append(row.white @ model.jacobian(x, row.q, row.pose)[0][row.valid][:, grid.columns])
     return np.concatenate(residuals), np.concatenate(slopes)
 
 
