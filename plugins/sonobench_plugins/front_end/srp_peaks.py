@@ -9,6 +9,7 @@ removed, not the region around the expected delay, so a pair that did not hear t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -60,7 +61,7 @@ class SrpPeaks:
     height_m: float | None = None  #: height of the searched plane; None: nominal height_m
     volume: bool = False  #: search the whole room instead of a plane
     max_peaks: int = 3  #: talkers of a scan at most
-    absolute: float = 0.03  #: least steered power, a mean over pairs; 1 is full coherence
+    significance: float = 6.0  #: least steered power, in standard deviations above what unrelated pairs add up to
     relative: float = 0.4  #: least steered power, as a share of the scan's highest
     radius_m: float = 0.4  #: no two talkers of a scan are nearer
     window_s: float = 1e-4  #: how far a pair's peak may lie from the delay of the picked position
@@ -111,9 +112,13 @@ class SrpPeaks:
 
     def _picks(self, state: _State, frame: TableFrame, values: NDArray[np.float32]) -> list[Picked]:
         search, tables = state.search, np.maximum(values, np.float32(0.0))
-        floor, out = self.absolute, list[Picked]()
+        heard = int(frame.heard.sum())
+        # a pair that hears nothing common has independent values of the table's own mean and variance at any point
+        chance = float(tables.mean(axis=1).sum()) / heard
+        spread = math.sqrt(float(tables.var(axis=1).sum())) / heard
+        floor, out = chance + self.significance * spread, list[Picked]()
         while len(out) < self.max_peaks:
-            at, power = search.strongest(tables, int(frame.heard.sum()), [p.position for p in out], self.radius_m)
+            at, power = search.strongest(tables, heard, [p.position for p in out], self.radius_m)
             if not power >= floor:
                 break
             found = search.read(tables, at, power, self.window_s, self.pair_share * power)
