@@ -68,7 +68,6 @@ def test_path_of_a_room_beside_pyroomacoustics(benchmark):
         "pruning error (dB)": round(float(error_db), 1),
         "away from pyroomacoustics": round(away, 5),
     }
-    print(benchmark.extra_info)
     assert error_db <= -70.0
     assert away <= 3e-3
     assert theirs_s >= 50 * ours_s
