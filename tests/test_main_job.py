@@ -16,6 +16,8 @@ import pandas as pd
 import pytest
 from readme import write_files
 
+pytestmark = pytest.mark.xdist_group("main-job")  # one worker, so that the quickstart runs once
+
 
 def quickstart(folder: Path, seed: int, *options: str) -> tuple[Path, subprocess.CompletedProcess[str]]:
     out = folder / "run"
