@@ -1,13 +1,17 @@
-"""Reading and writing recordings, against mcap's own reader and against truth that lies between the samples."""
+"""Reading and writing recordings, against mcap's own reader and against truth that lies between the samples; hostile files."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
+from log_forge import GIB, chunk, forge, lz4_bomb, zstd_bomb
 from mcap.reader import make_reader
 
+from sonobench.errors import LogError
 from sonobench.log import open_recording, write_recording
 from sonobench.log.layout import Encoded, schema_of
 from sonobench.log.reader import Log
@@ -103,3 +107,41 @@ def test_bench_writing_audio(benchmark, rendering, tmp_path):
 def test_bench_hashing_audio(benchmark, stored):
     benchmark(lambda: open_recording(stored).input_sha)
     _megabytes_per_second(benchmark)
+
+
+_REFUSE = """
+import sys, time
+from sonobench.errors import LogError
+from sonobench.log import open_recording
+
+def peak_kib():
+    return int(next(l for l in open("/proc/self/status") if l.startswith("VmHWM")).split()[1])
+
+try: open_recording("none.mcap")
+except LogError: pass
+before = peak_kib()
+begin = time.perf_counter()
+try: open_recording(sys.argv[1])
+except LogError: print(1e3 * (time.perf_counter() - begin), (peak_kib() - before) / 1e3)
+"""
+
+
+@pytest.mark.parametrize(("compression", "squeeze"), [("zstd", zstd_bomb), ("lz4", lz4_bomb)])
+@pytest.mark.parametrize("declared", [GIB, 2**20], ids=["declared", "declared as 1 MiB"])
+def test_bench_refusing_a_file_that_inflates_to_a_gibibyte(benchmark, tmp_path, compression, squeeze, declared):
+    path = forge(tmp_path / "bomb.mcap", [chunk(squeeze(), compression, declared=declared)])
+
+    def refused():
+        with pytest.raises(LogError):
+            open_recording(path)
+
+    done = subprocess.run([sys.executable, "-c", _REFUSE, str(path)], capture_output=True, text=True, check=True)
+    first_ms, grown_mb = map(float, done.stdout.split())
+    benchmark(refused)
+    benchmark.extra_info |= {
+        "file (KB)": path.stat().st_size / 1e3,
+        "first refusal in a process (ms)": first_ms,
+        "refusal (ms)": 1e3 * benchmark.stats.stats.median,
+        "growth of the peak resident size (MB)": grown_mb,
+    }
+    assert grown_mb < 100
