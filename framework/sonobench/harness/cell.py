@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 import pickle
+import secrets
 import subprocess
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sonobench.harness import frames
+from sonobench.harness.processes import MARK, end_marked
+
+_PATIENCE_S = 0.7  # for a guard to end what is below it, before it is ended itself
 
 #: one thread each, so that two workers on two cores do not fight, and sums are added in one order
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -75,8 +80,8 @@ class Cell:
     def __init__(
         self, numba_cache: Path | None = None, perform: str = "sonobench.harness.trial:perform", warm: tuple[str, ...] = WARM
     ) -> None:
-        self._perform, self._warm = perform, warm
-        self._environment = {**os.environ, **ONE_THREAD}
+        self._perform, self._warm, self._mark = perform, warm, secrets.token_hex(8)
+        self._environment = {**os.environ, **ONE_THREAD, MARK: self._mark}
         if numba_cache is not None:
             self._environment["NUMBA_CACHE_DIR"] = str(numba_cache)
         self._process: subprocess.Popen[bytes] | None = None
@@ -94,7 +99,9 @@ class Cell:
         )
         os.close(theirs_in)
         os.close(theirs_out)
-        frames.send(self._to, {"path": [p or os.getcwd() for p in sys.path], "perform": self._perform, "warm": self._warm})
+        path = [p or os.getcwd() for p in sys.path]
+        with suppress(BrokenPipeError):  # `take` finds the end of its pipe
+            frames.send(self._to, {"parent": os.getpid(), "path": path, "perform": self._perform, "warm": self._warm})
 
     def fileno(self) -> int:
         """Readable when the outcome of the submitted task is there."""
@@ -114,6 +121,7 @@ class Cell:
         except EOFError:
             code = self._process.wait() if self._process else None
             self.close()
+            end_marked(self._mark)  # grandchildren in sessions of their own, which the guard would have ended
             self._start()
             how = f"failed with exit code {code}, see stderr" if code and code > 0 else "was killed from outside"
             return Outcome("crash", exc_type="CellDied", exc_message=f"the guarding process {how}")
@@ -128,13 +136,32 @@ class Cell:
 
     def close(self) -> None:
         """End the worker and everything below it."""
+        close_all([self])
+
+    def _hang_up(self) -> None:
+        """The guard sees the end of its pipe and ends what is below it."""
+        if self._to >= 0:
+            os.close(self._to)
+            os.close(self._from)
+            self._to = self._from = -1
+
+    def _wait(self, until: float) -> None:
         if self._process is None:
             return
-        os.close(self._to)
-        os.close(self._from)
         try:
-            self._process.wait(timeout=5)
-        except subprocess.TimeoutExpired:
+            self._process.wait(timeout=max(until - time.monotonic(), 0))
+        except subprocess.TimeoutExpired:  # it is still importing, or stopped
             self._process.kill()
             self._process.wait()
+            end_marked(self._mark)
         self._process = None
+
+
+def close_all(cells: Iterable[Cell]) -> None:
+    """End cells together, within about a second however many they are."""
+    cells = list(cells)
+    for cell in cells:
+        cell._hang_up()
+    until = time.monotonic() + _PATIENCE_S
+    for cell in cells:
+        cell._wait(until)

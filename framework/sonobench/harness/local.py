@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from sonobench.harness.cell import Cell, Limits, Outcome
+from sonobench.harness.cell import Cell, Limits, Outcome, close_all
 from sonobench.harness.session import Job, Session
 
 _TICK_S = 0.5  # how often progress is told while nothing ends
@@ -37,8 +37,7 @@ def execute(session: Session, jobs: int, limits: Limits, numba_cache: Path, tick
             for cell in select.select(list(busy), [], [], _TICK_S)[0]:
                 session.done(busy.pop(cell), cell.take())
     finally:
-        for cell in cells:
-            cell.close()
+        close_all(cells)
 
 
 def execute_here(session: Session, tick: Callable[[Iterable[Job]], None]) -> None:

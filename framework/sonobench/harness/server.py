@@ -3,12 +3,13 @@
 It imports what every task needs (nothing that starts a thread), forks a worker, hands it one task at a time and watches it. Whatever the worker does
 (raise, abort, exit, hang, hog, flood), exactly one answer goes back for each task. The guard is the subreaper of
 everything below it, so that no grandchild outlives the worker, even one in a session of its own. When its parent is
-gone its inlet ends, and it ends all that it started.
+gone it ends all that it started: it holds a handle of the parent's process, since other processes may keep the parent's pipes open.
 """
 
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import importlib
 import os
 import pickle
@@ -23,11 +24,12 @@ from pathlib import Path
 from typing import Any
 
 from sonobench.harness import frames
+from sonobench.harness.processes import descendants, end_below, kernel_kills, resident_mb
 
 LOG_CAP = 1_000_000  # bytes of a task's own output that are kept
 _WATCH_S = 0.02  # how often the resident size is looked at
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
-_PAGE = os.sysconf("SC_PAGE_SIZE")
+_TELL_WHERE = signal.SIGUSR1  # a worker that is told so prints its threads' stacks, also from within C code
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,89 +59,136 @@ class Log:
         self.size += len(data)
         if not data or self._path is None or room <= 0:
             return
-        if self._file < 0:
-            Path(self._path).parent.mkdir(parents=True, exist_ok=True)
-            self._file = os.open(self._path, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o666)
-        os.write(self._file, data[:room])
+        os.write(self._open(), data[:room])
         if len(data) > room:
-            os.write(self._file, b"\n[cut here: the output went on]\n")
+            os.write(self._open(), b"\n[cut here: the output went on]\n")
+
+    def note(self, text: str) -> None:
+        """Add a line of the guard's own, whatever the cap."""
+        if self._path is not None:
+            os.write(self._open(), f"[{text}]\n".encode())
 
     def close(self) -> None:
         """End it."""
         if self._file >= 0:
             os.close(self._file)
 
+    def _open(self) -> int:
+        if self._file < 0 and self._path is not None:
+            Path(self._path).parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(self._path, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, 0o666)
+        return self._file
+
+
+@dataclass(frozen=True, slots=True)
+class Parent:
+    """Who asks: the ends of its pipes, and a handle that becomes readable when it dies."""
+
+    inlet: int
+    outlet: int
+    handle: int
+
+    def next(self) -> bytes | None:
+        """Its next message, still pickled; None when it is gone."""
+        ready = select.select([self.inlet, self.handle], [], [])[0]
+        return None if self.handle in ready else frames.receive_bytes(self.inlet)
+
+    def close(self) -> None:
+        for fd in (self.inlet, self.outlet, self.handle):
+            os.close(fd)
+
 
 def main() -> None:
-    """Serve until the parent is gone."""
-    inlet, outlet = int(sys.argv[1]), int(sys.argv[2])
+    """Serve until the parent is gone; nothing below outlives this, even where the guard itself fails."""
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    guard = os.getpid()
+    try:
+        _serve_all(int(sys.argv[1]), int(sys.argv[2]))
+    except (BrokenPipeError, EOFError, ProcessLookupError):  # the parent is gone
+        pass
+    finally:
+        if os.getpid() == guard:
+            end_below()
+
+
+def _serve_all(inlet: int, outlet: int) -> None:
     hello = frames.receive(inlet)
+    parent = Parent(inlet, outlet, os.pidfd_open(hello["parent"]))
     sys.path[:] = hello["path"]
     for name in hello["warm"]:
         importlib.import_module(name)
     perform = _named(hello["perform"])
-    worker = _fork(inlet, outlet, perform)
-    while (content := frames.receive_bytes(inlet)) is not None:
-        limits = pickle.loads(content)
-        task = frames.receive_bytes(inlet)
-        if task is None:
-            break
-        answer, kept = _serve(worker, task, limits, inlet)
+    worker = _fork(parent, perform)
+    while (limits := parent.next()) is not None and (task := parent.next()) is not None:
+        answer, kept = _serve(worker, task, pickle.loads(limits), parent)
         if not kept:
-            _end_all()
+            end_below()
             worker.close()
-            worker = _fork(inlet, outlet, perform)
-        frames.send(outlet, answer)
-    _end_all()
+            worker = _fork(parent, perform)
+        frames.send(parent.outlet, answer)
 
 
-def _serve(worker: Worker, task: bytes, limits: dict[str, Any], inlet: int) -> tuple[dict[str, Any], bool]:
+def _serve(worker: Worker, task: bytes, limits: dict[str, Any], parent: Parent) -> tuple[dict[str, Any], bool]:
     """The answer to one task, and whether the worker may take another."""
     log = Log(limits["log"])
-    begin = time.monotonic()
+    begin, kills = time.monotonic(), kernel_kills()
     deadline = None if limits["timeout_s"] is None else begin + limits["timeout_s"]
     with suppress(BrokenPipeError):  # it died between two tasks; its end is found below
         frames.send_bytes(worker.tasks, task)
-    try:
-        answer, kept = _watch(worker, deadline, limits, inlet, log)
-    finally:
-        _drain(worker.output, log)
-        log.close()
+    answer, kept = _watch(worker, deadline, limits, parent, log)
+    if answer["status"] == "timeout":
+        _tell_where(worker)
+    _drain(worker.output, log)
+    if answer.get("signal") == signal.SIGKILL and kernel_kills() > kills:
+        answer |= {"status": "oom", "message": "killed by the kernel: the machine, or its share of it, was out of memory"}
+    if answer["status"] != "ok":
+        log.note(answer["message"])
+    log.close()
     return {**answer, "log_bytes": log.size, "wall_s": time.monotonic() - begin}, kept
 
 
-def _watch(worker: Worker, deadline: float | None, limits: dict[str, Any], inlet: int, log: Log) -> tuple[dict[str, Any], bool]:
+def _watch(worker: Worker, deadline: float | None, limits: dict[str, Any], parent: Parent, log: Log) -> tuple[dict[str, Any], bool]:
     poll = select.poll()
-    for fd in (inlet, worker.handle, worker.results, worker.output):
+    for fd in (parent.inlet, parent.handle, worker.handle, worker.results, worker.output):
         poll.register(fd, select.POLLIN)
-    incoming, peak, cap = frames.Frames(), 0.0, limits["memory_mb"]
+    incoming, peak, cap, hidden = frames.Frames(), 0.0, limits["memory_mb"], False
     while True:
         left = _WATCH_S if cap is not None else 1.0
         if deadline is not None:
             left = min(left, deadline - time.monotonic())
         ready = {fd for fd, _ in poll.poll(max(left, 0) * 1000)}
         if worker.output in ready:
-            log.write(os.read(worker.output, 1 << 16))
+            data = os.read(worker.output, 1 << 16)
+            log.write(data)
+            if not data:  # the task closed its standard streams: the next one needs a worker that has some
+                hidden = True
+                poll.unregister(worker.output)
         if worker.results in ready or worker.handle in ready:
             for result in incoming.feed(_available(worker.results)):
-                retire = result[:1] == b"!"
-                _end_all(spare=worker.pid)
+                retire = hidden or result[:1] == b"!"
+                end_below(spare=worker.pid)
                 return {"status": "ok", "value": result[1:], "peak_mb": peak}, not retire
         if worker.handle in ready:
-            return {"status": "crash", "message": _end_of(worker.pid), "peak_mb": peak}, False
-        if inlet in ready:  # only its end can be: the parent waits for our answer
-            _end_all()
-            os._exit(1)
+            return {"status": "crash", "peak_mb": peak, **_end_of(worker.pid)}, False
+        if parent.inlet in ready or parent.handle in ready:  # only its end can be: the parent waits for our answer
+            raise EOFError
         if cap is not None:
-            size = sum(map(_resident_mb, _descendants(os.getpid())))
+            size = sum(map(resident_mb, descendants(os.getpid())))
             peak = max(peak, size)
             if size > cap:
                 return {"status": "oom", "message": f"held {size:.0f} MB, {cap:g} MB are allowed (--memory)", "peak_mb": peak}, False
         if deadline is not None and time.monotonic() >= deadline:
             return {"status": "timeout", "message": f"took longer than {limits['timeout_s']:g} s (--timeout)", "peak_mb": peak}, False
+
+
+def _tell_where(worker: Worker) -> None:
+    """Have a worker that is about to be killed print where it is."""
+    with suppress(ProcessLookupError):
+        os.kill(worker.pid, _TELL_WHERE)
+        select.select([worker.output, worker.handle], [], [], 0.2)
+        time.sleep(0.01)  # several threads' stacks are several writes
 
 
 def _available(pipe: int) -> bytes:
@@ -161,56 +210,13 @@ def _drain(pipe: int, log: Log) -> None:
         log.write(data)
 
 
-def _end_of(pid: int) -> str:
+def _end_of(pid: int) -> dict[str, Any]:
     _, status = os.waitpid(pid, 0)
     if os.WIFSIGNALED(status):
-        return f"killed by {signal.Signals(os.WTERMSIG(status)).name}"
-    return f"the process ended itself with exit code {os.WEXITSTATUS(status)}"
-
-
-def _descendants(pid: int) -> list[int]:
-    found = []
-    todo = [pid]
-    while todo:
-        parent = todo.pop()
-        try:
-            threads = os.listdir(f"/proc/{parent}/task")
-            below = [int(c) for t in threads for c in Path(f"/proc/{parent}/task/{t}/children").read_text().split()]
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        found += below
-        todo += below
-    return found
-
-
-def _resident_mb(pid: int) -> float:
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE / 1e6
-    except (FileNotFoundError, ProcessLookupError, IndexError):
-        return 0.0
-
-
-def _end_all(spare: int | None = None) -> None:
-    """Kill and reap everything below, but for one worker; orphans come to us, so repeat until nobody is left."""
-    for _ in range(1000):
-        below = [p for p in _descendants(os.getpid()) if p != spare]
-        living = [p for p in below if not _is_zombie(p)]  # a zombie of the spared worker is the worker's to reap
-        for pid in living:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        for pid in below:
-            with suppress(ChildProcessError):
-                os.waitpid(pid, os.WNOHANG)
-        if not living:
-            return
-        time.sleep(0.001)
-
-
-def _is_zombie(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return True
+        number = os.WTERMSIG(status)
+        name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
+        return {"message": f"killed by {name}", "signal": number}
+    return {"message": f"the process ended itself with exit code {os.WEXITSTATUS(status)}"}
 
 
 def _named(name: str) -> Callable[[Any], Any]:
@@ -219,7 +225,7 @@ def _named(name: str) -> Callable[[Any], Any]:
     return found
 
 
-def _fork(inlet: int, outlet: int, perform: Callable[[Any], Any]) -> Worker:
+def _fork(parent: Parent, perform: Callable[[Any], Any]) -> Worker:
     task_in, task_out = os.pipe()
     result_in, result_out = os.pipe()
     output_in, output_out = os.pipe()
@@ -230,7 +236,8 @@ def _fork(inlet: int, outlet: int, perform: Callable[[Any], Any]) -> Worker:
             os.close(fd)
         return Worker(pid, os.pidfd_open(pid), task_out, result_in, output_in)
     try:
-        for fd in (inlet, outlet, task_out, result_in, output_in):
+        parent.close()
+        for fd in (task_out, result_in, output_in):
             os.close(fd)
         _become_worker(guard, output_out)
         _work(task_in, result_out, perform)
@@ -245,21 +252,30 @@ def _become_worker(guard: int, output: int) -> None:
     if os.getppid() != guard:
         os._exit(0)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    Path("/proc/self/oom_score_adj").write_text("1000")  # a hog that outruns the watch dies before anybody else
+    with suppress(OSError):  # a read-only /proc
+        Path("/proc/self/oom_score_adj").write_text("1000")  # a hog that outruns the watch dies before anybody else
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    faulthandler.enable(file=2)  # where it was when it crashed is in its log
+    faulthandler.register(_TELL_WHERE, file=2)
 
 
 def _work(tasks: int, results: int, perform: Callable[[Any], Any]) -> None:
     """Answer tasks until the guard is gone; a leading "!" asks for a fresh worker (a thread was left behind)."""
+    me, home = os.getpid(), os.getcwd()
     while (content := frames.receive_bytes(tasks)) is not None:
         threads = len(os.listdir("/proc/self/task"))
         answer = pickle.dumps(perform(pickle.loads(content)), pickle.HIGHEST_PROTOCOL)
-        sys.stdout.flush()
-        sys.stderr.flush()
+        if os.getpid() != me:  # a fork that the task made and forgot: the answer is its parent's to give
+            return
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):  # the task may have closed or replaced it
+                stream.flush()
+        signal.setitimer(signal.ITIMER_REAL, 0)  # an alarm that was set must not strike the next task
+        os.chdir(home)
         left = len(os.listdir("/proc/self/task")) > threads
         frames.send_bytes(results, (b"!" if left else b".") + answer)
 
