@@ -56,12 +56,12 @@ class SrpPeaks:
     delay: Delay = field(default_factory=Phat)  #: delay estimator
     activity: Activity = field(default_factory=Energy)  #: voice activity
     memory_s: float = 0.1  #: time constant of the average over frames, 0 for none
-    oversampling: int = 4  #: table columns a lag
-    grid_m: float = 0.05  #: spacing of the points searched
+    oversampling: int = 2  #: table columns a lag
+    grid_m: float = 0.07  #: spacing of the points searched
     height_m: float | None = None  #: height of the searched plane; None: nominal height_m
     volume: bool = False  #: search the whole room instead of a plane
     max_peaks: int = 3  #: talkers of a scan at most
-    significance: float = 6.0  #: least steered power, in standard deviations above what unrelated pairs add up to
+    significance: float = 8.0  #: least steered power, in standard deviations above what unrelated pairs add up to
     relative: float = 0.4  #: least steered power, as a share of the scan's highest
     radius_m: float = 0.4  #: no two talkers of a scan are nearer
     window_s: float = 1e-4  #: how far a pair's peak may lie from the delay of the picked position
