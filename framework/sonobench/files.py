@@ -32,6 +32,16 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def is_temporary(path: Path) -> bool:
+    """Whether a killed process left this behind within `replacing`."""
+    return path.name.startswith(".") and path.name.endswith(".tmp")
+
+
+def temporaries(folder: Path) -> list[Path]:
+    """What killed processes left behind in a folder, and what others are writing there at this moment."""
+    return list(folder.glob(".*.tmp"))
+
+
 def replace_file(path: Path, content: bytes) -> None:
     """Write `content` to `path` atomically."""
     with replacing(path) as temporary:

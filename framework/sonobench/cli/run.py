@@ -25,6 +25,7 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
 )
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="The run's folder; default: runs/STUDY.")
 @click.option("--fresh", is_flag=True, help="Repeat what is already there.")
+@click.option("--retry", type=click.Choice(["failed"]), help="Run failed trials again, though their code is unchanged.")
 @click.option("--in-process", is_flag=True, help="No worker processes: for debuggers; no isolation and no limits.")
 @click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
 @plugin_option
@@ -90,8 +91,8 @@ def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plu
     """Replay a recording (FILE.mcap, or the name of a shipped one) through a pipeline; the same estimates, bit for bit, everywhere."""
     import time
 
-    from sonobench.components import build, identity
     from sonobench.cli.output import open_named
+    from sonobench.components import build, identity
     from sonobench.log import estimates_sha, write_estimates
     from sonobench.pipeline import replay as replay_recording
     from sonobench.registry import Registry

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from sonobench.files import temporaries
+
+_DAY_S = 86400.0
 SCANS_BUDGET = 4_000_000_000  # bytes of scans that are kept; what does not fit is made again: the same bits
 
 
@@ -53,6 +57,14 @@ class Cache:
             path.with_suffix(".json").unlink(missing_ok=True)
             path.unlink(missing_ok=True)
             total -= size
+
+    def sweep(self) -> None:
+        """Remove what processes that were killed a day ago or earlier had half written; other runs may be writing now."""
+        for name in ("recordings", "scans"):
+            for path in temporaries(self._folder(name)):
+                with suppress(FileNotFoundError):
+                    if time.time() - path.stat().st_mtime > _DAY_S:
+                        path.unlink()
 
     def _folder(self, name: str) -> Path:
         folder = self.root / name

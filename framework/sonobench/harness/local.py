@@ -49,6 +49,8 @@ def execute_here(session: Session, tick: Callable[[Iterable[Job]], None]) -> Non
         tick([job])
         begin = time.perf_counter()
         result = perform(job.task)
+        if result.get("exc_type") == "KeyboardInterrupt":  # in this process it is the user's, not the component's
+            raise KeyboardInterrupt
         session.done(job, Outcome(**result, wall_s=time.perf_counter() - begin))
 
 

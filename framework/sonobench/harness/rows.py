@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from sonobench.harness.cell import Outcome
+from sonobench.harness.cell import Limits, Outcome
 
 if TYPE_CHECKING:
     from sonobench.harness.plan import PlannedTrial
 
 Row = dict[str, Any]
 SCHEMA = 1
+
+_MESSAGE_CAP = 4000  # characters of a message that a row keeps; the log has all of it
 
 #: status of a trial; every planned trial has exactly one
 STATUSES = ("ok", "error", "timeout", "oom", "crash", "invalid", "skipped", "unavailable")
@@ -36,6 +38,8 @@ TRIAL_COLUMNS: Mapping[str, str] = {
     "exc_type": "string",
     "exc_message": "string",
     "attempts": "int64",
+    "timeout_s": "float64",
+    "memory_mb": "float64",
     "open": "bool",
     "log_path": "string",
     "wall_s": "float64",
@@ -88,8 +92,31 @@ def failed_row(row: Row, outcome: Outcome, prefix: str = "", log_path: str = "")
     return row | {
         "status": outcome.status,
         "exc_type": outcome.exc_type,
-        "exc_message": prefix + outcome.exc_message,
+        "exc_message": prefix + _storable(outcome.exc_message),
         "wall_s": outcome.wall_s or None,
         "peak_mb": outcome.peak_mb or None,
         "log_path": log_path,
     }
+
+
+def stands(failure: Mapping[str, Any], limits: Limits) -> bool:
+    """Whether a failure of unchanged code need not be tried again: it was the code's own, and no limit that it met is higher now.
+
+    Args:
+        failure: status, exc_type and the limits timeout_s and memory_mb that it ended under (None: none).
+        limits: those of the run that is being planned.
+    """
+    if failure.get("exc_type") == "CellDied":  # killed from outside
+        return False
+    met = {"timeout": ("timeout_s", limits.timeout_s), "oom": ("memory_mb", limits.memory_mb)}
+    if failure.get("status") not in met:
+        return True
+    name, now = met[failure["status"]]
+    before = failure.get(name)
+    return before is None or (now is not None and now <= before)
+
+
+def _storable(message: str) -> str:
+    """A message as Parquet takes it: no lone surrogates, no megabytes."""
+    text = message.encode("utf-8", "backslashreplace").decode("utf-8")
+    return text if len(text) <= _MESSAGE_CAP else f"{text[:_MESSAGE_CAP]} …"

@@ -114,6 +114,7 @@ def run_study(
     timeout_s: float | None = None,
     memory_mb: float | None = None,
     fresh: bool = False,
+    retry: Literal["failed"] | None = None,
     in_process: bool = False,
     order: Literal["planned", "reversed"] = "planned",
     display: Display | None = None,
@@ -126,6 +127,7 @@ def run_study(
         jobs: worker processes; by default the processors.
         timeout_s, memory_mb: what one step of a trial (rendering, front end, tracker, scoring) may take.
         fresh: throw away what is in the folder.
+        retry: "failed" runs again what failed, though its code is unchanged; without it only timeouts and memory are tried again, under higher limits.
         in_process: no workers, hence no isolation and no limits, for debuggers and notebooks.
         order: in which trials are begun; results do not depend on it.
         display: shows progress; by default on stderr.
@@ -141,6 +143,8 @@ def run_study(
 
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs is {jobs}; at least 1 is needed")
+    if retry not in (None, "failed"):
+        raise InputError(f"retry is {retry!r}; 'failed' is what can be tried again")
     planned = study.plan()
     if planned.faults:
         raise TableError(planned.faults)
@@ -152,11 +156,15 @@ def run_study(
             run_folder.clear(folder)
         about = {"study": study.to_table(), "metrics": [m.label for m in planned.metrics], "swept": list(planned.columns)}
         run_folder.prepare(folder, about, environment())
+        cache = Cache.default()
+        cache.sweep()
         journal = Journal(folder / "journal.jsonl")
         plugins = {str(p.path): p.version for p in study.registry.plugins if p.path is not None}
-        session = Session(planned, plugins, folder, Cache.default(), journal, environment_id(), study.registry.trial_finished)
+        limits = Limits() if in_process else Limits(timeout_s, memory_mb)
+        observe, failed = study.registry.trial_finished, retry == "failed"
+        session = Session(planned, plugins, folder, cache, journal, environment_id(), observe, limits, failed)
         try:
-            _carry_out(session, in_process, jobs, Limits(timeout_s, memory_mb), order == "reversed", display)
+            _carry_out(session, in_process, jobs, order == "reversed", display)
         finally:
             journal.close()
             run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
@@ -165,7 +173,7 @@ def run_study(
     return open_run(folder)
 
 
-def _carry_out(session: Session, in_process: bool, jobs: int | None, limits: Limits, reverse: bool, display: Display | None) -> None:
+def _carry_out(session: Session, in_process: bool, jobs: int | None, reverse: bool, display: Display | None) -> None:
     from sonobench.harness.local import execute, execute_here, processors
     from sonobench.harness.progress import Tally
     from sonobench.harness.progress import display as suitable
@@ -173,14 +181,13 @@ def _carry_out(session: Session, in_process: bool, jobs: int | None, limits: Lim
     with display or suitable() as show:
 
         def tick(running: Iterable[Job]) -> None:
-            failed = sum(row["status"] != "ok" for row in session.finished.values())
-            show(Tally(len(session.plan), len(session.finished), failed, len(list(running))))
+            show(Tally(len(session.plan), len(session.finished), session.failed, len(list(running))))
 
         session.begin(reverse)
         if in_process:
             execute_here(session, tick)
         else:
-            execute(session, jobs or processors(), limits, _numba_cache(session.plan, session.cache), tick)
+            execute(session, jobs or processors(), session.limits, _numba_cache(session.plan, session.cache), tick)
         tick([])
 
 

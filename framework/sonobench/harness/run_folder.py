@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sonobench.errors import InputError
-from sonobench.files import replace_file, replacing
+from sonobench.files import is_temporary, replace_file, replacing, temporaries
 from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
 
 if TYPE_CHECKING:
@@ -47,8 +47,14 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is a run's (or one that was killed right at its start)."""
-    return (folder / "study.json").is_file() or {p.name for p in folder.iterdir()} <= {".lock"}
+    """Whether a folder is a run's (or one that was killed right at its start, before study.json was whole)."""
+    return (folder / "study.json").is_file() or all(_is_beginning(p) for p in folder.iterdir())
+
+
+def _is_beginning(path: Path) -> bool:
+    if path.is_dir():
+        return path.name in ("estimates", "logs") and not any(path.iterdir())
+    return path.name == ".lock" or is_temporary(path)
 
 
 def clear(folder: Path) -> None:
@@ -62,9 +68,11 @@ def clear(folder: Path) -> None:
 
 
 def prepare(folder: Path, study: Mapping[str, Any], environment: Mapping[str, Any]) -> None:
-    """Write study.json and env.json, and make the folders that trials write to."""
+    """Write study.json and env.json, make the folders that trials write to, and remove what a killed run had half written."""
     for name in ("estimates", "logs"):
         (folder / name).mkdir(exist_ok=True)
+    for path in (*temporaries(folder), *temporaries(folder / "estimates")):
+        path.unlink(missing_ok=True)
     replace_file(folder / "study.json", _json({"schema": SCHEMA, **study}))
     replace_file(folder / "env.json", _json(environment))
 

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sonobench.harness.cache import SCANS_BUDGET, Cache
-from sonobench.harness.cell import Outcome
+from sonobench.harness.cell import Limits, Outcome
 from sonobench.harness.code import closure, code
 from sonobench.harness.journal import Journal
 from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
 from sonobench.harness.plan import PipelineEntry, Plan, PlannedTrial, Source
-from sonobench.harness.rows import Row, failed_row, planned_row
+from sonobench.harness.rows import Row, failed_row, planned_row, stands
 
 _EMPTY_OUTPUT = "empty"
+_OWN_FAILURES = ("error", "invalid", "crash", "timeout", "oom")  # of a trial that ran
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +77,11 @@ class Session:
         folder, cache, journal: where things are kept.
         env_id: the environment's.
         observe: called with the row of each trial that ended in this run.
+        limits: what each step may take.
+        retry_failed: run failed trials and metrics again, though their code is unchanged.
         ready: jobs that may start now.
         finished: rows by trial key, whatever became of them.
+        failed: how many of these are not ok.
     """
 
     plan: Plan
@@ -87,8 +91,11 @@ class Session:
     journal: Journal
     env_id: str
     observe: Callable[[Row], None]
+    limits: Limits = field(default_factory=Limits)
+    retry_failed: bool = False
     ready: deque[Job] = field(default_factory=deque)
     finished: dict[str, Row] = field(default_factory=dict)
+    failed: int = 0
     scored: dict[str, list[tuple[str, str]]] = field(default_factory=dict)  # trial key → (metric label, score key)
     _codes: Codes = field(init=False)
     _waiting: dict[str, list[PlannedTrial]] = field(default_factory=dict)
@@ -107,6 +114,10 @@ class Session:
                 known = take.source.sha, take.source.truth_sha
             if take.source.scene is None or (known and self._complete(take, known)):
                 self._expand(take, *known)  # type: ignore[misc]
+            elif failures := self._unrenderable(take):
+                self._rows |= failures
+                for trial in take.trials:
+                    self._finish(trial)
             else:
                 task = self._task("render", take, home=take.source.home, overrides=dict(take.source.overrides), sha=take.source.sha)
                 self.ready.append(Job({**task, "seed": take.seed}, take, take.trials, self._log(f"render-{take.key}")))
@@ -166,7 +177,7 @@ class Session:
                 continue
             key = self._scans_key(trial.entry, input_sha)
             row["estimate_key"] = self._estimate_key(trial, input_sha)
-            if (reused := self._reusable(row)) is not None:
+            if (reused := self._kept(row)) is not None:
                 self._rows[trial.trial_key] = reused
                 jobs += self._score_jobs(take, trial)
                 continue
@@ -208,7 +219,8 @@ class Session:
         if outcome.status == "ok":
             scores = outcome.value
         else:
-            fault = {"error": f"{outcome.status}: {outcome.exc_message}"}
+            about = {"status": outcome.status, "exc_type": outcome.exc_type, **asdict(self.limits)}
+            fault = {"error": f"{outcome.status}: {outcome.exc_message}", **about}
             scores = {item["key"]: fault for item in job.task["metrics"]}
         self.journal.add(trial_key=trial.trial_key, scores=scores)
         self._finish(trial)
@@ -218,7 +230,7 @@ class Session:
         row = self._rows[trial.trial_key]
         keys = self._score_keys(trial, row)
         self.scored[trial.trial_key] = keys
-        missing = [(label, key) for label, key in keys if "rows" not in self.journal.recorded.scores.get(key, {})]
+        missing = [(label, key) for label, key in keys if not self._is_scored(key)]
         if not missing:
             self._finish(trial)
             return []
@@ -279,27 +291,61 @@ class Session:
         given = () if trial.entry.pipeline is None else trial.entry.pipeline.given
         code_sha = self._codes.trackers.get(trial.entry.name, "")
         about = {"recording_key": take.key, "code_sha": code_sha, "attempts": attempts + 1, "given": ",".join(given), "env_id": self.env_id}
-        return planned_row(trial, self.plan.columns) | about
+        return planned_row(trial, self.plan.columns) | about | asdict(self.limits)
+
+    def _kept(self, row: Row) -> Row | None:
+        """The stored row of a trial that need not run again: its output is there, or the same code failed and may take no more than before."""
+        stored = self._reusable(row)
+        return self._failure(row, "estimate_key") if stored is None else stored
+
+    def _failure(self, row: Row, same: str) -> Row | None:
+        """The stored failure of a trial whose key `same` has not changed, where trying again would tell nothing new."""
+        stored = self.journal.recorded.trials.get(row["trial_key"])
+        if self.retry_failed or stored is None or stored["status"] not in _OWN_FAILURES:
+            return None
+        if stored[same] != row[same] or stored["open"] or not stands(stored, self.limits):
+            return None
+        return self._under_this_name(stored, row)
+
+    def _unrenderable(self, take: Take) -> dict[str, Row] | None:
+        """The stored rows of a recording's trials, where rendering it failed for all of them and would again."""
+        rows = {}
+        for trial in take.trials:
+            stored = self._failure(self._planned(trial, take) | {"truth_sha": ""}, "recording_key")
+            if stored is None or stored["input_sha"]:
+                return None
+            rows[trial.trial_key] = stored
+        return rows
+
+    def _is_scored(self, key: str) -> bool:
+        """Whether a score is there, or the same code of the metric failed on the same output and trying again would tell nothing new."""
+        stored = self.journal.recorded.scores.get(key, {})
+        if "rows" in stored:
+            return True
+        own = "error" in stored and stored.get("status") != "error"  # a step that raised met a damaged file, not a metric's fault
+        return own and not self.retry_failed and stands(stored, self.limits)
 
     def _reusable(self, row: Row) -> Row | None:
         """The stored row of the same output, under this trial's name."""
         stored = self.journal.recorded.outputs.get(row["estimate_key"])
         if stored is None or stored["open"] or not (self.folder / stored["estimates_path"]).exists():
             return None
+        return self._under_this_name(stored, row)
+
+    def _under_this_name(self, stored: Row, row: Row) -> Row:
         about = ("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run", "recording_key", "truth_sha")
         return stored | {k: row[k] for k in (*about, *self.plan.columns)}
 
     def _complete(self, take: Take, hashes: tuple[str, str]) -> bool:
         """Whether every trial of a recording is there, scores too, so that it need not be rendered."""
-        scores = self.journal.recorded.scores
         for trial in take.trials:
             row = self._planned(trial, take) | {"input_sha": hashes[0], "truth_sha": hashes[1], "status": "unavailable"}
             if trial.entry.pipeline is not None:
-                reused = self._reusable(row | {"estimate_key": self._estimate_key(trial, hashes[0])})
+                reused = self._kept(row | {"estimate_key": self._estimate_key(trial, hashes[0])})
                 if reused is None:
                     return False
                 row = reused
-            if any("rows" not in scores.get(key, {}) for _, key in self._score_keys(trial, row)):
+            if not all(self._is_scored(key) for _, key in self._score_keys(trial, row)):
                 return False
         return True
 
@@ -312,6 +358,7 @@ class Session:
     def _finish(self, trial: PlannedTrial) -> None:
         row = self._rows.pop(trial.trial_key)
         self.finished[trial.trial_key] = row
+        self.failed += row["status"] != "ok"
         if trial.trial_key in self._ran:
             self.observe(row)
 
