@@ -148,7 +148,7 @@ def _plain(value: Any) -> Any:
 
 
 def _field_table(value: Any, hint: Any, registry: Registry) -> Any:
-    role = _role_of(hint)
+    role = role_of(hint)
     if isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
         return [to_table(v, registry, role) for v in value]
     if isinstance(value, Mapping) and any(dataclasses.is_dataclass(v) for v in value.values()):
@@ -156,14 +156,14 @@ def _field_table(value: Any, hint: Any, registry: Registry) -> Any:
     return to_table(value, registry, role)
 
 
-def _role_of(hint: Any) -> str | None:
+def role_of(hint: Any) -> str | None:
     """The role in `Role`, `Role | None`, `tuple[Role, …]` or `Mapping[str, Role]`."""
     try:
         if hint in _ROLE_OF:
             return _ROLE_OF[hint]
     except TypeError:
         return None
-    return next((r for a in typing.get_args(hint) if (r := _role_of(a))), None)
+    return next((r for a in typing.get_args(hint) if (r := role_of(a))), None)
 
 
 @lru_cache(maxsize=512)

@@ -15,7 +15,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from sonobench.components import resolve, to_table
+from sonobench.components import resolve, role_of, to_table
 from sonobench.errors import PluginError, SonobenchError
 from sonobench.protocols import ROLES
 from sonobench.registry import Entry, Registry
@@ -79,6 +79,25 @@ def describe_text(told: Mapping[str, Any]) -> str:
         lines.append(f"  {p['name']}: {p['type']}{' in ' + p['unit'] if p['unit'] else ''} {value}")
         lines += [f"      {p['doc']}"] if p["doc"] else []
     return "\n".join(line for line in lines if line.strip())
+
+
+def roles_within(component: Any, path: str = "") -> dict[str, str]:
+    """Role of every component below this one, by its dotted path in the full table, such as {"front_end.delay": "delay"}."""
+    if not dataclasses.is_dataclass(component) or isinstance(component, type):
+        return {}
+    hints = typing.get_type_hints(type(component))
+    found: dict[str, str] = {}
+    for f in dataclasses.fields(component):
+        for name, value in _items(f.name, getattr(component, f.name)):
+            role = role_of(hints[f.name]) if dataclasses.is_dataclass(value) else None
+            found |= ({f"{path}{name}": role} if role else {}) | roles_within(value, f"{path}{name}.")
+    return found
+
+
+def _items(name: str, value: Any) -> list[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        return [(f"{name}.{k}", v) for k, v in value.items()]
+    return [(f"{name}.{k}", v) for k, v in enumerate(value)] if isinstance(value, tuple) else [(name, value)]
 
 
 def unit_of(name: str) -> str:

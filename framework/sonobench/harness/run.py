@@ -136,6 +136,7 @@ def run_study(
         TableError: the study cannot be run as it stands.
         InputError: the folder is in use or is not a run's.
     """
+    from sonobench.describe import roles_within
     from sonobench.harness.code import forget
     from sonobench.harness.environment import environment, environment_id
     from sonobench.harness.journal import Journal
@@ -154,7 +155,13 @@ def run_study(
     with run_folder.locked(folder):
         if fresh:
             run_folder.clear(folder)
-        about = {"study": study.to_table(), "metrics": [m.label for m in planned.metrics], "swept": list(planned.columns)}
+        about = {
+            "study": study.to_table(),
+            "metrics": [m.label for m in planned.metrics],
+            "metric_tables": {m.label: m.table for m in planned.metrics},
+            "entries": {e.name: {"table": e.table, "roles": roles_within(e.pipeline)} for e in planned.entries},
+            "swept": list(planned.columns),
+        }
         run_folder.prepare(folder, about, environment())
         cache = Cache.default()
         cache.sweep()
