@@ -20,6 +20,16 @@ def unit_phase(x: Any, out: Any) -> None:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
+def cross(x: Any, pairs: Any, out: Any) -> None:  # pragma: no cover - compiled
+    """out[n, p] = x[n, i] conj(x[n, j]) of pairs (P, 2); x (n, mics, bins), out (n, P, bins)."""
+    for a in range(x.shape[0]):
+        for p in range(pairs.shape[0]):
+            i, j = pairs[p, 0], pairs[p, 1]
+            for b in range(x.shape[2]):
+                out[a, p, b] = x[a, i, b] * x[a, j, b].conjugate()
+
+
+@njit(cache=True)
 def interpolate(circular: Any, reach: int, taps: Any, scale: float, out: Any) -> None:  # pragma: no cover - compiled
     """Lags −reach … reach of circular correlations (n, lags) at `phases` points a lag, by FIR taps (phases, 2 half).
 

@@ -20,6 +20,7 @@ from sonobench.signal.framing import window
 from sonobench.types import Array, Floats, Ints
 
 _GUARD = 1.25  # bins in all over bins of the band
+_BATCH_BYTES = 1 << 18  # of cross-spectra at a time: what stays in the cache, and what the allocator keeps instead of returning it
 _HALF = 10  # lags on each side that the interpolating filter reads
 
 
@@ -38,9 +39,13 @@ def whitened(spectra: Complexes) -> Complexes:
 
 def cross_spectra(spectra: Complexes, pairs: Ints) -> Complexes:
     """S_i conj(S_j) (…, P, bin) of spectra (…, mic, bin); its inverse transform peaks where i is later than j."""
-    product: Complexes = spectra[..., pairs[:, 0], :]
-    product *= spectra.conj()[..., pairs[:, 1], :]
-    return product
+    from sonobench.signal._kernels import cross
+
+    mics, bins = spectra.shape[-2:]
+    x = np.ascontiguousarray(spectra).reshape(-1, mics, bins)
+    out = np.empty((len(x), len(pairs), bins), x.dtype)
+    cross(x, np.ascontiguousarray(pairs), out)
+    return out.reshape(*spectra.shape[:-2], len(pairs), bins)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +98,13 @@ class TablePlan:
         Raises:
             PluginError: the estimator's answer has another shape.
         """
+        batch = max(1, _BATCH_BYTES // (len(self.pairs) * self.bins * spectra.itemsize))
+        out = np.empty((len(spectra), len(self.pairs), self.columns), np.float32)
+        for f in range(0, len(spectra), batch):
+            self._correlate(delay, spectra[f : f + batch], out[f : f + batch])
+        return out
+
+    def _correlate(self, delay: Delay, spectra: Complexes, out: NDArray[np.float32]) -> None:
         from sonobench.signal._kernels import interpolate
 
         lags = 2 * (self.bins - 1)
@@ -103,10 +115,10 @@ class TablePlan:
                 f"delay estimator {type(delay).__name__} gave {circular.dtype} of shape {circular.shape} for spectra {spectra.shape}; "
                 f"real correlations (frame, pair, lag) of shape {shape} are needed"
             )
-        out = np.empty((len(spectra) * len(self.pairs), self.columns), np.float32)
         scale: Any = np.float32(lags / (2.0 * (self.band[1] - self.band[0])))
-        interpolate(np.ascontiguousarray(circular, np.float32).reshape(-1, lags), self.reach, self.taps, scale, out)
-        return out.reshape(len(spectra), len(self.pairs), self.columns)
+        interpolate(
+            np.ascontiguousarray(circular, np.float32).reshape(-1, lags), self.reach, self.taps, scale, out.reshape(-1, self.columns)
+        )
 
 
 def plan_tables(

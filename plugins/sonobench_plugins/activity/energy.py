@@ -1,8 +1,8 @@
 """Voice activity by short-time energy above a noise floor that follows the quietest frames.
 
 The floor falls at once to a quieter frame and rises by `rise_db` a frame, so that it needs a pause now and then: a
-sound that never pauses is taken for noise after threshold_db / rise_db frames (use `always` there). Before any
-pause was heard, the first frame counts as voice: the floor starts `threshold_db` below it.
+sound that keeps its level is taken for noise after the first few frames (use `always` there). The floor starts
+`threshold_db` below the first frame, which therefore counts as voice.
 Source: Rabiner & Sambur 1975, energy against a noise level; the floor is a one-frame form of Martin 2001 (minimum statistics).
 """
 
