@@ -93,7 +93,7 @@ class Search:
         return Picked(position, power, self.start_s + self.step_s * at, valid)
 
     def without(self, tables: Tables, found: Picked) -> Tables:
-        """The tables with the peaks of a pick taken out, each down to both its sides' zeros."""
+        """The tables with the peaks of a pick taken out: nothing within width / 2 of each, untouched from 3 width / 2 on."""
         at = (found.delay_s - self.start_s) / self.step_s
         distance = np.abs(np.arange(tables.shape[1]) - at[:, None]) / self.width
         keep = np.where(found.valid[:, None], np.clip(distance - 0.5, 0.0, 1.0), 1.0)

@@ -46,7 +46,7 @@ class _State:
 
 @dataclass(frozen=True)
 class SrpPeaks:
-    """Maxima of steered power; ONE "tdoa" sensor "stack" of all pairs (and, with `field`, one a pair for the tables)."""
+    """Maxima of steered power; ONE "tdoa" sensor "stack" of all pairs (and, with `tables`, one a pair for the field)."""
 
     frame_s: float = 0.128  #: length of a frame
     hop_s: float = 0.064  #: time between scans
