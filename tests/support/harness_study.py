@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 PLUGIN = '''
-import os, subprocess, sys, time
+import ctypes, os, subprocess, sys, threading, time
 from dataclasses import dataclass
 import numpy as np
 from sonobench import Estimate, Series, Space, hookimpl
@@ -59,9 +59,16 @@ class Bad:
     def _child(self, scan):
         subprocess.Popen(["sleep", "999"], start_new_session=True)
         time.sleep(1000)
+    def _grandchild(self, scan):
+        subprocess.Popen(["sh", "-c", "setsid sleep 999 & exec sleep 999"])
+        time.sleep(1000)
+    def _gil(self, scan): ctypes.PyDLL(None).sleep(1000)
     def _hog(self, scan):
         self_kept = [np.ones(2_000_000) for _ in range(30)]
         time.sleep(5)
+    def _thread(self, scan): threading.Thread(target=time.sleep, args=(999,), daemon=True).start()
+    def _orphan(self, scan): subprocess.Popen(["sleep", "999"], start_new_session=True)
+    def _odd(self, scan): raise RuntimeError("a name from a disk: \\udcff " + 10_000_000 * "x")
     def _flood(self, scan):
         for _ in range(3000):
             print("x" * 1000)
@@ -91,7 +98,7 @@ def _pipeline(how):
 
 @hookimpl
 def sonobench_components():
-    hows = ("nan", "shape", "raise", "abort", "exit", "quit", "hang", "child", "hog", "flood")
+    hows = ("nan", "shape", "raise", "abort", "exit", "quit", "hang", "child", "grandchild", "gil", "hog", "flood", "thread", "orphan", "odd")
     return {
         "tracker": {"guess": Guess, "bad": Bad, "elsewhere": "no_such_package:Tracker"},
         "metric": {"distance": Distance, "raising": Raising},

@@ -17,6 +17,7 @@ import select
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -241,6 +242,8 @@ def _fork(parent: Parent, perform: Callable[[Any], Any]) -> Worker:
             os.close(fd)
         _become_worker(guard, output_out)
         _work(task_in, result_out, perform)
+    except BaseException:  # the harness's own fault: `perform` raises nothing
+        traceback.print_exc()
     finally:
         os._exit(70)  # never back into the guard's own loop
 
