@@ -55,7 +55,7 @@ def do_hang_with_child():
 
 
 def do_hang_with_grandchild():
-    subprocess.Popen(["sh", "-c", "setsid sleep 1000 & exec sleep 1000"])
+    subprocess.run(["sh", "-c", "setsid sleep 1000 & setsid sleep 1000 &"], check=True)  # their parent is gone already
     time.sleep(1000)
 
 
@@ -90,8 +90,10 @@ def do_child():
 
 
 def do_fork_that_comes_back():
-    os.fork()
-    return "the task's own answer"
+    if os.fork():
+        time.sleep(0.05)
+        return "the task's own answer"
+    return "the fork's answer"
 
 
 def do_close_streams():
@@ -130,6 +132,10 @@ def outcome(how, log):
 def keep_doing(folder):
     """A cell for each misbehaviour that repeats it for ever, without a limit that would end it."""
     cells = {Cell(perform=PERFORM, warm=()): how for how in HOWS}
+    if os.fork() == 0:  # a relative that holds the pipes open longer than we live
+        os.closerange(0, 3)
+        time.sleep(8)
+        os._exit(0)
 
     def again(cell):
         cell.submit({"do": cells[cell], "notes": f"{folder}/{cells[cell]}.mark"}, Limits(memory_mb=2000.0))

@@ -60,7 +60,7 @@ class Bad:
         subprocess.Popen(["sleep", "999"], start_new_session=True)
         time.sleep(1000)
     def _grandchild(self, scan):
-        subprocess.Popen(["sh", "-c", "setsid sleep 999 & exec sleep 999"])
+        subprocess.run(["sh", "-c", "setsid sleep 999 &"], check=True)
         time.sleep(1000)
     def _gil(self, scan): ctypes.PyDLL(None).sleep(1000)
     def _hog(self, scan):
