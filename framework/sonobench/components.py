@@ -27,7 +27,7 @@ from cattrs.errors import (
     IterableValidationNote,
 )
 
-from sonobench.errors import PluginError, TableError, UnavailableError
+from sonobench.errors import PluginError, SonobenchError, TableError, UnavailableError
 from sonobench.protocols import ROLES
 from sonobench.registry import Registry, did_you_mean
 from sonobench.types import read_only
@@ -376,7 +376,7 @@ def _faults(error: BaseException, path: str) -> Any:
         for fault in error.faults:
             yield _say(path, fault), error
     else:
-        text = str(error) if isinstance(error, (ValueError, PluginError)) else f"{type(error).__name__}: {error}"
+        text = str(error) if isinstance(error, (ValueError, SonobenchError)) else f"{type(error).__name__}: {error}"
         yield _say(path, text), error
 
 

@@ -23,9 +23,10 @@ from typing import Any
 import pluggy
 
 from sonobench import hookspecs
-from sonobench.errors import PluginError, UnavailableError
+from sonobench.errors import InputError, PluginError, UnavailableError
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
+_LOADERS = (__file__, importlib.__file__, "<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -311,11 +312,11 @@ def _resolve(entry: Entry) -> type | Mapping[str, Any]:
 
 
 def _preset_file(path: Path) -> Mapping[str, Any]:
-    import tomllib
+    from sonobench.tables import read_toml
 
     try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+        return read_toml(path)
+    except InputError as error:
         raise UnavailableError("pipeline", path.stem, str(error)) from error
 
 
@@ -360,4 +361,10 @@ def _reason(error: BaseException) -> str:
 
 
 def _details(error: BaseException) -> str:
-    return "" if isinstance(error, PluginError) else "".join(traceback.format_exception(error))
+    """The traceback from the plugin's own code on; what led there is the loader, which tells its author nothing."""
+    if isinstance(error, PluginError):
+        return ""
+    own = error.__traceback__
+    while own is not None and own.tb_frame.f_code.co_filename in _LOADERS:
+        own = own.tb_next
+    return "".join(traceback.format_exception(type(error), error, own))

@@ -13,7 +13,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """The table in a TOML file.
 
     Raises:
-        InputError: it is missing, not UTF-8, or not TOML (with line and column).
+        InputError: it is missing, cannot be read, is not UTF-8, or not TOML (with line and column).
     """
     try:
         return tomllib.loads(path.read_text("utf-8"))
@@ -21,5 +21,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, a TOML file is needed") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None

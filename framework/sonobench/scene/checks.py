@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from sonobench.scene.scene import Scene
 
 _PATH_STEP_S = 0.01
+_PATH_POINTS = 1_000_000
+_MOST = 1e9  # a day at 8 kHz; more does not fit into memory
 
 
 def faults(scene: Scene) -> list[str]:
@@ -25,6 +27,9 @@ def faults(scene: Scene) -> list[str]:
     found = [f"{name}: is {getattr(scene, name)}; a positive number is needed" for name in _POSITIVE if not _positive(getattr(scene, name))]
     if _positive(scene.duration_s) and _positive(scene.period_s) and scene.period_s > scene.duration_s:
         found.append(f"period_s: is {scene.period_s}, longer than the scene of {scene.duration_s} s; it would never be evaluated")
+    for per_s, unit in ((scene.rate_hz, "samples"), (1 / scene.period_s if scene.period_s else 0.0, "evaluation times")):
+        if _positive(scene.duration_s) and _positive(per_s) and scene.duration_s * per_s > _MOST:
+            found.append(f"duration_s: {scene.duration_s:g} s are {scene.duration_s * per_s:.3g} {unit}; {_MOST:.0e} is the most")
     if not scene.sources:
         found.append("sources: the scene is empty; write one [sources.NAME] or more")
     if not scene.arrays:
@@ -110,7 +115,7 @@ def _source(source: Source, scene: Scene) -> Iterator[str]:
         yield f"gain_db: is {source.gain_db}; a finite number is needed"
     if scene.room is None or not _sized(scene.room) or bad or not _positive(scene.duration_s):
         return
-    time_s = np.linspace(0, scene.duration_s, max(2, int(scene.duration_s / _PATH_STEP_S) + 1))
+    time_s = np.linspace(0, scene.duration_s, min(max(2, int(scene.duration_s / _PATH_STEP_S) + 1), _PATH_POINTS))
     where = path(source, scene.duration_s, time_s)
     outside = np.flatnonzero(~_inside(where, scene.room))
     if len(outside):

@@ -20,12 +20,13 @@ snr_db = 20.0
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sonobench.components import build, digest, overlay, to_table
 from sonobench.errors import InputError, TableError
@@ -33,6 +34,7 @@ from sonobench.protocols import Rendering, Simulator
 from sonobench.registry import Registry
 from sonobench.scene.checks import faults
 from sonobench.scene.tables import ArrayTable, Noise, Room, Source
+from sonobench.tables import read_toml
 from sonobench.types import Array
 
 _CLIP_SUFFIXES = (".wav", ".flac")
@@ -83,7 +85,7 @@ class Scene:
         """
         text = str(name_or_path)
         file = Path(text) if text.endswith(".toml") else registry.find_data("scenes", text, ".toml")
-        table = {"name": file.stem, **_read(file)}
+        table = {"name": file.stem, **read_toml(file)}
         for key, value in (overrides or {}).items():
             table = overlay(table, _nested(key, value))
         return cls.from_table(table, registry, file.parent, where=f"{file.name}:")
@@ -114,18 +116,25 @@ class Scene:
         files = {n: [_sha256(f) for f in getattr(s.sound, "files", ())] for n, s in self.sources.items()}
         return digest({"table": self.table, "files": files})
 
+    def check_sounds(self) -> None:
+        """Read every file that a sound names, as rendering will; making a scene only asks whether the files are there.
+
+        Raises:
+            TableError: all that cannot be read, or are silent.
+        """
+        found = []
+        for name, source in self.sources.items():
+            try:
+                if source.sound is not None:
+                    source.sound.render(np.random.default_rng(0), self.duration_s, self.rate_hz)
+            except InputError as error:
+                found.append(f"sources.{name}.sound: {error}")
+        if found:
+            raise TableError(found)
+
     def simulate(self, seed: int) -> Rendering:
         """Render it; a pure function of scene and seed."""
         return self.simulator.simulate(self, seed)
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text("utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{file}: no such scene file") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read as TOML: {error}") from None
 
 
 def _nested(key: str, value: Any) -> dict[str, Any]:

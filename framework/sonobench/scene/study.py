@@ -16,7 +16,6 @@ pipelines.mine.front_end.delay.floor = [0.05, 0.2]
 from __future__ import annotations
 
 import fnmatch
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from sonobench.errors import InputError, TableError
 from sonobench.registry import Registry, did_you_mean
+from sonobench.tables import read_toml
 
 if TYPE_CHECKING:
     from sonobench.harness.plan import Plan
@@ -87,7 +87,7 @@ class Study:
             InputError: the file cannot be read.
         """
         path = _find(name_or_path, plugins)
-        table = _read(path)
+        table = read_toml(path)
         changed = {"repetitions": repetitions, "seed": seed}
         return cls.from_table({**table, **{k: v for k, v in changed.items() if v is not None}}, path, plugins, also, only)
 
@@ -237,7 +237,7 @@ class _Reader:
             elif not isinstance(alternatives, list) or not alternatives:
                 self.fault(dotted, f"a list of alternatives is needed, got {alternatives!r}")
             elif path[0] == "pipelines" and path[1] not in self.table.get("pipelines", {}):
-                self.fault(dotted, f"no entry is named {path[1]!r}{did_you_mean(path[1], self.table.get('pipelines', {}))}")
+                self.fault(dotted, f"no entry is named {path[1]!r}{did_you_mean(path[1], kept) or f'; [pipelines] has {list(kept)}'}")
             elif path[0] == "scene" or path[1] in kept:
                 found[path] = tuple(alternatives)
         return found
@@ -279,12 +279,3 @@ def _find(name_or_path: str | Path, plugins: Sequence[str | Path]) -> Path:
     if Path(name_or_path).exists():
         raise InputError(f"{name_or_path}: a study's file ends in .toml")
     return Registry.load(plugins).find_data("studies", str(name_or_path), ".toml")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # TOML and UTF-8 alike
-        raise InputError(f"{path}: not a TOML file: {error}") from None
