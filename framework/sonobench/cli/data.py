@@ -51,10 +51,12 @@ def list_(plugins: tuple[str, ...], as_json: bool) -> None:
 @json_option
 def make(scene: str, seed: int, out: Path, plugins: tuple[str, ...], as_json: bool) -> None:
     """Render SCENE (a name or a .toml file) to a recording."""
+    from sonobench.cli.output import recording_path
     from sonobench.log import open_recording, write_recording
     from sonobench.registry import Registry
     from sonobench.scene import Scene
 
+    recording_path(out)
     rendering = Scene.load(scene, Registry.load(plugins)).simulate(seed)
     write_recording(out, rendering)
     described = _described(open_recording(out))
@@ -105,6 +107,7 @@ def _validated_table(file: Path, plugins: tuple[str, ...]) -> dict[str, Any]:
         study = Study.load(str(file), plugins=plugins)
         return {"study": str(file), "trials": len(study.plan())}
     scene = Scene.load(str(file), Registry.load(plugins))
+    scene.check_sounds()
     return {"scene": scene.name, "duration_s": scene.duration_s}
 
 

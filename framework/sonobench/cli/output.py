@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -37,9 +38,29 @@ def columns(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
 
 def open_named(recording: str, registry: Any) -> Any:
     """The recording of a path that ends in .mcap, or a shipped one by name."""
+    from sonobench.errors import InputError
     from sonobench.log import open_recording
 
-    return open_recording(recording if recording.endswith(".mcap") else registry.find_data("recordings", recording, ".mcap"))
+    if recording.endswith(".mcap"):
+        return open_recording(recording)
+    if Path(recording).exists():
+        raise InputError(f"{recording}: a recording's file ends in .mcap")
+    return open_recording(registry.find_data("recordings", recording, ".mcap"))
+
+
+def recording_path(out: Path) -> Path:
+    """Where a recording or estimates shall be written, judged before the work is done.
+
+    Raises:
+        InputError: it does not end in .mcap (no verb would read it again), or its folder is missing.
+    """
+    from sonobench.errors import InputError
+
+    if out.suffix != ".mcap":
+        raise InputError(f"{out}: the file's name must end in .mcap")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out}: the folder {out.parent} is missing; make it first")
+    return out
 
 
 def _plain(value: Any) -> Any:

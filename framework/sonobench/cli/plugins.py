@@ -22,6 +22,7 @@ def list_(role: str | None, plugins: tuple[str, ...], as_json: bool) -> None:
     """Every component with its role, distribution, version and status."""
     from sonobench.registry import Registry
 
+    _known(role)
     registry = Registry.load(plugins)
     rows = [
         {"role": e.role, "name": e.name, "distribution": e.plugin.distribution, "version": e.plugin.version, "status": registry.status(e)}
@@ -47,12 +48,14 @@ def show(name: str, role: str | None, plugins: tuple[str, ...], as_json: bool) -
     from sonobench.protocols import ROLES
     from sonobench.registry import Registry, did_you_mean
 
+    _known(role)
     registry = Registry.load(plugins)
     bare = name.rpartition(":")[2]
     roles = [r for r in ROLES if role in (None, r) and any(e.name == bare for e in registry.entries(r))]
     if not roles:
         names = {e.name for e in registry.entries(role)}
-        raise PluginError(f"nothing is registered as {name!r}{did_you_mean(bare, names)}")
+        where = "nothing" if role is None else f"no {role}"
+        raise PluginError(f"{where} is registered as {name!r}{did_you_mean(bare, names) or '; `sonobench plugins list` shows what is'}")
     found = [describe(registry.entry(r, name), registry) for r in roles]
     emit(found, "\n\n".join(map(describe_text, found)), as_json)
 
@@ -68,3 +71,12 @@ def check(file: Path, as_json: bool) -> int:
     rows = [{"component": f.component, "check": f.check, "result": f.result, "sentence": f.sentence} for f in findings]
     emit(rows, columns(rows, ["component", "check", "result", "sentence"]), as_json)
     return 3 if any(f.result == "failed" for f in findings) else 0
+
+
+def _known(role: str | None) -> None:
+    from sonobench.errors import InputError
+    from sonobench.protocols import ROLES
+    from sonobench.registry import did_you_mean
+
+    if role is not None and role not in ROLES:
+        raise InputError(f"--role {role}: no such role{did_you_mean(role, ROLES)}; there are {sorted(ROLES)}")

@@ -27,6 +27,8 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
 @click.option("--fresh", is_flag=True, help="Repeat what is already there.")
 @click.option("--retry", type=click.Choice(["failed"]), help="Run failed trials again, though their code is unchanged.")
 @click.option("--in-process", is_flag=True, help="No worker processes: for debuggers; no isolation and no limits.")
+@click.option("--engine", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="dask: a cluster of --jobs workers.")
+@click.option("--scheduler", metavar="ADDRESS", help="Join this Dask scheduler (tcp://host:8786); implies --engine dask.")
 @click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
 @plugin_option
 @json_option
@@ -91,12 +93,14 @@ def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plu
     """Replay a recording (FILE.mcap, or the name of a shipped one) through a pipeline; the same estimates, bit for bit, everywhere."""
     import time
 
-    from sonobench.cli.output import open_named
+    from sonobench.cli.output import open_named, recording_path
     from sonobench.components import build, identity
     from sonobench.log import estimates_sha, write_estimates
     from sonobench.pipeline import replay as replay_recording
     from sonobench.registry import Registry
 
+    if out is not None:
+        recording_path(out)
     registry = Registry.load(plugins)
     built = build("pipeline", pipeline, registry, "--pipeline")
     opened = open_named(recording, registry)

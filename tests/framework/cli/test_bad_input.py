@@ -143,3 +143,44 @@ def test_a_pipeline_that_reads_samples_refuses_a_recording_without_any(folder: P
     assert sonobench(folder, "data", "make", "chen2012", "-o", "scans.mcap").returncode == 0
     message = refused(folder, "replay", "scans.mcap", "--pipeline", "ck-phd")
     assert "samples" in message
+
+
+def test_a_recording_is_written_only_where_it_can_be_read_again(folder: Path) -> None:
+    assert "must end in .mcap" in refused(folder, "data", "make", "scene.toml", "-o", "out.txt")
+    assert "must end in .mcap" in refused(folder, "replay", "golden", "--pipeline", "nobody", "-o", "out.txt")
+    assert "ends in .mcap" in refused(folder, "data", "info", "scene.toml")
+
+
+def test_a_sound_that_cannot_be_read_is_not_valid(folder: Path) -> None:
+    (folder / "noise.flac").write_bytes(b"no sound at all")
+    (folder / "scene.toml").write_text(SCENE.replace('"ru-female-1"', '"noise.flac"'))
+    message = refused(folder, "data", "validate", "scene.toml")
+    assert "sources.talker.sound" in message
+    assert "noise.flac: cannot be read as sound" in message
+
+
+def test_a_scene_that_fits_into_no_memory_is_refused(folder: Path) -> None:
+    (folder / "scene.toml").write_text(SCENE.replace("duration_s = 1.0", "duration_s = 1e9").replace("16000\n", "1e12\nperiod_s = 1e-3\n"))
+    message = refused(folder, "data", "make", "scene.toml", "-o", "out.mcap")
+    assert "1e+21 samples" in message
+    assert "1e+12 evaluation times" in message
+
+
+def test_an_unknown_role_is_refused(folder: Path) -> None:
+    assert "did you mean 'metric'" in refused(folder, "plugins", "list", "--role", "metrics")
+    assert "did you mean 'delay'" in refused(folder, "plugins", "show", "phat", "--role", "delays")
+
+
+def test_a_cache_that_cannot_be_made_leaves_no_run_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SONOBENCH_CACHE", str(folder / "scene.toml" / "cache"))
+    assert "SONOBENCH_CACHE" in refused(folder, "run", "study.toml")
+
+
+def test_a_plugin_that_fails_at_import_shows_its_own_lines_only(folder: Path) -> None:
+    (folder / "mine.py").write_text("import json\njson.loads('{')\n")
+    done = sonobench(folder, "plugins", "list", "--plugin", "mine.py")
+    assert done.returncode == 2
+    assert "mine.py: JSONDecodeError" in done.stderr
+    assert "line 2" in done.stderr
+    assert "registry.py" not in done.stderr
+    assert "importlib" not in done.stderr
