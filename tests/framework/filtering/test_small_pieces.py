@@ -1,12 +1,9 @@
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sonobench.errors import SetupError
-from sonobench.filtering.assignment import assign
 from sonobench.filtering.kinematics import kinematic_space, position_columns, variances
 from sonobench.filtering.particles import Cloud, balls, empty_cloud, join, shared
 from sonobench.filtering.points import spread, weighted_moments
@@ -32,29 +29,6 @@ def test_systematic_never_draws_a_weightless_particle_and_refuses_no_weight():
         assert set(systematic(rng, np.array([0.0, 1.0, 0.0, 2.0, 0.0]), 7)) <= {1, 3}
     with pytest.raises(ValueError, match="cannot be resampled"):
         systematic(rng, np.zeros(3), 2)
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 10**6), st.integers(0, 4), st.integers(0, 4), st.sampled_from([0.3, 0.6, np.inf]))
-def test_assign_is_the_cheapest_of_all_pairings(seed, n, m, limit):
-    cost = np.random.default_rng(seed).random((n, m))
-    rows, columns = assign(cost, limit)
-    ceiling = limit if np.isfinite(limit) else 10.0
-    got = (cost[rows, columns] - ceiling).sum()
-    best = 0.0
-    for k in range(min(n, m) + 1):
-        for a in itertools.combinations(range(n), k):
-            for b in itertools.permutations(range(m), k):
-                best = min(best, sum(cost[i, j] - ceiling for i, j in zip(a, b, strict=True)))
-    assert got == pytest.approx(best, abs=1e-12)
-    assert (cost[rows, columns] < limit).all()
-
-
-def test_assign_leaves_forbidden_pairs_single_and_refuses_nan():
-    rows, columns = assign(np.array([[np.inf, 1.0], [np.inf, 2.0]]))
-    assert (list(rows), list(columns)) == ([0], [1])
-    with pytest.raises(ValueError, match="NaN"):
-        assign(np.array([[np.nan]]))
 
 
 def test_points_have_the_moments_they_were_drawn_from():
