@@ -33,6 +33,8 @@ def write_report(run: Run, trials: Sequence[str] = (), metric: str | None = None
     folder = run.path / "report" if out is None else Path(out)
     rows = run.trials.set_index("trial_key", drop=False)
     names = _asked(run, trials) if trials else _chosen(run, metric or run.metrics[0])
+    if not names:
+        raise InputError(f"{run.path}: no trial has estimates to draw; the causes stand in `sonobench run` and in {run.path / 'logs'}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -49,7 +51,8 @@ def write_report(run: Run, trials: Sequence[str] = (), metric: str | None = None
 def _chosen(run: Run, metric: str) -> dict[str, str]:
     """{trial key: "best", …}; one that is several things has all its names."""
     names: dict[str, list[str]] = {}
-    for found in choose(run.trials, run.scores, metric).values():
+    tracked = run.trials[run.trials["estimates_path"].astype(str).str.endswith(".mcap")]  # the others end at their scans
+    for found in choose(tracked, run.scores, metric).values():
         for why, key in found.items():
             names.setdefault(key, []).append(why)
     return {key: "+".join(whys) for key, whys in names.items()}
@@ -73,6 +76,10 @@ def _drawn(run: Run, row: Mapping[str, Any], name: str, folder: Path, recordings
     if not homes:
         raise InputError(
             f"trial {row['trial_key']} ({row['pipeline']} on {row['scene']}) has no estimates: {row['status']} {row['exc_message']}"
+        )
+    if not row["estimates_path"].endswith(".mcap"):
+        raise InputError(
+            f"trial {row['trial_key']} ({row['pipeline']} on {row['scene']}) ends at its scans; there are no estimates to draw"
         )
     estimates, space, _ = read_estimates(homes[0] / row["estimates_path"])
     if row["recording_key"] not in recordings:

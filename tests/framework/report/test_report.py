@@ -68,3 +68,15 @@ def test_a_trial_can_be_asked_for_by_the_head_of_its_key(finished, tmp_path):
         write_report(finished, trials=["x"])
     with pytest.raises(InputError, match=r"q on a.*no estimates: error boom"):
         write_report(finished, trials=["q"])
+
+
+def test_pipelines_that_end_at_their_scans_are_passed_over_and_said_to_be_so_when_asked_for(finished):
+    trials = finished.trials.assign(status="ok", estimates_path=["estimates/t.mcap", "estimates/q.npz"])
+    (finished.path / "estimates" / "q.npz").write_bytes(b"scans")
+    finished.trials = trials
+    assert len(write_report(finished)) == 3
+    with pytest.raises(InputError, match=r"q on a.*ends at its scans"):
+        write_report(finished, trials=["q"])
+    finished.trials = trials.assign(estimates_path="")
+    with pytest.raises(InputError, match="no trial has estimates"):
+        write_report(finished)
