@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from sonobench.errors import InputError
 from sonobench.files import temporaries
 
 _DAY_S = 86400.0
@@ -23,7 +24,7 @@ class Cache:
 
     @classmethod
     def default(cls, environment: Mapping[str, str] = os.environ) -> Cache:
-        """$SONOBENCH_CACHE, else the user's cache folder."""
+        """$SONOBENCH_CACHE, else the user's cache folder (made when something is first put there)."""
         if set_by_user := environment.get("SONOBENCH_CACHE"):
             return cls(Path(set_by_user).expanduser().resolve())
         import platformdirs
@@ -68,5 +69,8 @@ class Cache:
 
     def _folder(self, name: str) -> Path:
         folder = self.root / name
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"the cache folder {folder} cannot be made: {error.strerror}; name another in SONOBENCH_CACHE") from None
         return folder

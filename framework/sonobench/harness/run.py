@@ -150,6 +150,8 @@ def run_study(
     if planned.faults:
         raise TableError(planned.faults)
     forget()  # workers import what the sources say now
+    cache = Cache.default()
+    cache.sweep()
     folder = Path(RUNS, study.name) if out is None else Path(out)
     folder = folder.resolve()
     with run_folder.locked(folder):
@@ -163,8 +165,6 @@ def run_study(
             "swept": list(planned.columns),
         }
         run_folder.prepare(folder, about, environment())
-        cache = Cache.default()
-        cache.sweep()
         journal = Journal(folder / "journal.jsonl")
         plugins = {str(p.path): p.version for p in study.registry.plugins if p.path is not None}
         limits = Limits() if in_process else Limits(timeout_s, memory_mb)
