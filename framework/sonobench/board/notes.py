@@ -2,92 +2,138 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from sonobench.board import pooling, statistics
+from sonobench.board import statistics
+from sonobench.board.bootstrap import combined
+from sonobench.board.measured import Measured
+from sonobench.board.pooling import means, units
+from sonobench.types import Floats
+
+#: a standard error that is so many times larger over scenes than over scenarios is worth a sentence
+_ALIKE = 1.25
 
 
-def of(table: pd.DataFrame, rows: pd.DataFrame, values: pd.DataFrame, blocks: set[int], pool: str) -> list[str]:
+def of(table: pd.DataFrame, found: Measured) -> list[str]:
     """All notes that apply to a board with its attrs, in reading order."""
     attrs = {str(k): v for k, v in table.attrs.items()}
-    found = [_interval(table, attrs), *_separation(table, attrs, values), *_failures(table, attrs, rows, pool)]
-    found += _missing(table, rows, blocks)
-    swept = sorted(rows["cell"].unique())
-    if len(swept) > 1:
-        found.append(f"averaged over {len(swept)} swept settings of the scenes (--by splits them).")
+    notes = [interval(set(table["interval"]) - {""}, attrs), *_separation(table, attrs, found)]
+    notes += scenarios(attrs, found, _neighbours(list(attrs["entrants"]), found))
+    notes += [*_failures(table, found), *_missing(table, found)]
     given = table[table["given"] != ""]
     if len(given):
-        found.append("° uses what the scene gives out: " + "; ".join(given["pipeline"] + ": " + given["given"]) + ".")
-    if "diff" in table:
-        found.append(f"diff: paired, minus {attrs['vs']}; p by sign flips, Holm over the other pipelines.")
-    return found
+        notes.append("° uses what the scene gives out: " + "; ".join(given["pipeline"] + ": " + given["given"]) + ".")
+    if attrs["vs"] is not None:
+        notes += _against(attrs, found)
+    return notes
 
 
-def _interval(table: pd.DataFrame, attrs: Mapping[str, Any]) -> str:
+def interval(methods: set[str], attrs: dict[str, Any]) -> str:
+    """What the intervals are, and over what."""
     n, over = attrs["units"], attrs["over"]
     one = over[:-1]
-    averaged = f" ({attrs['repetitions']} repetitions of a scene averaged first)" if over == "scenes" and attrs["repetitions"] > 1 else ""
-    methods = set(table["interval"]) - {""}
+    several = attrs["repetitions"] > 1 and over == "scenarios"
+    pooled = f" ({attrs['repetitions']} repetitions of a scenario pooled first)" if several else ""
     if n < 2:
         return f"no interval: only {n} {one}." if n else "no complete block to rank; means and intervals are of what each pipeline covers."
     if methods == {"bootstrap-t"}:
-        return f"95% CI: bootstrap-t over {n} {over}{averaged}."
+        return f"95% CI: bootstrap-t over {n} {over}{pooled}."
     mixed = "bootstrap-t, and " if "bootstrap-t" in methods else ""
     why = f"fewer than {statistics.MIN_UNITS} {over}" if n < statistics.MIN_UNITS else "too little spread to resample"
-    return f"95% CI: {mixed}Student's t over {n} {over}{averaged}; {why}, so it rests on normality."
+    return f"95% CI: {mixed}Student's t over {n} {over}{pooled}; {why}, so it rests on normality."
 
 
-def _separation(table: pd.DataFrame, attrs: Mapping[str, Any], values: pd.DataFrame) -> list[str]:
-    entrants = len(values.columns)
-    comparisons = entrants * (entrants - 1) // 2
-    n, over = len(values), attrs["over"]
-    if not comparisons:
-        return []
+def too_few(n: int, over: str, comparisons: int) -> list[str]:
+    """How many units are needed, where there are not enough."""
     needed = statistics.units_needed(comparisons)
+    if not comparisons or n >= needed:
+        return []
     if n < statistics.MIN_UNITS:
         more = f" for one comparison, {needed} for these {comparisons}" if comparisons > 1 else ""
         return [f"too few {over} to rank: {n}; {statistics.MIN_UNITS} are needed{more}."]
-    found = ["same letter = not separated (paired sign flips, Holm 5%); ranks in brackets hold in 95% of resamples."]
-    if n < needed:
-        found.append(f"too few {over} to separate anything among {comparisons} comparisons: {n}; {needed} are needed.")
-    order = [p for p in table["pipeline"] if p in values.columns]
-    x = values[order].to_numpy(float)
-    bent = np.flatnonzero(statistics.skewed(np.diff(x, axis=1)))
-    if len(bent):
-        pairs = statistics.joined([f"{order[k]} and {order[k + 1]}" for k in bent])
-        found.append(f"differences are skewed between {pairs}: interval and letters are optimistic there.")
-    return found
+    return [f"too few {over} to separate anything among {comparisons} comparisons: {n}; {needed} are needed."]
 
 
-def _failures(table: pd.DataFrame, attrs: Mapping[str, Any], rows: pd.DataFrame, pool: str) -> list[str]:
+def scenarios(attrs: dict[str, Any], found: Measured, differences: Floats) -> list[str]:
+    """What scenarios are, where scenes are swept, and whether those of one scene are alike."""
+    swept = {c: v for c, v in attrs["settings"].items() if len(v) > 1}
+    if attrs["over"] != "scenarios" or not swept or attrs["scenarios"] == attrs["scenes"]:
+        return []
+    columns = statistics.joined([c.removeprefix("p_") for c in swept])
+    text = f"a scenario is a scene with its swept values ({columns}): {attrs['scenarios']} of {attrs['scenes']} scenes; --by splits them"
+    effect = float(statistics.design_effect(differences, found.units.groups).max(initial=1.0)) if len(differences) > 1 else 1.0
+    if effect < _ALIKE:
+        return [f"{text}."]
+    return [f"{text}. Those of one scene differ alike: over scenes the standard error of a difference is {effect:.1f} times as large."]
+
+
+def skew(pairs: list[tuple[str, str]], differences: Floats) -> list[str]:
+    """A warning that names the pairs whose differences (n, M) are skewed."""
+    bent = [f"{a} and {b}" for (a, b), skewed in zip(pairs, statistics.skewed(differences), strict=True) if skewed]
+    return [f"differences are skewed between {statistics.joined(bent)}: interval and letters are optimistic there."] if bent else []
+
+
+def _neighbours(order: list[str], found: Measured) -> Floats:
+    """Differences (n, K − 1) between pipelines that follow each other on the board."""
+    columns = [found.names.index(name) for name in order]
+    eye = np.eye(len(found.names))
+    return combined(found.units.values, eye[:, columns[1:]] - eye[:, columns[:-1]])
+
+
+def _separation(table: pd.DataFrame, attrs: dict[str, Any], found: Measured) -> list[str]:
+    order = list(attrs["entrants"])
+    comparisons = len(order) * (len(order) - 1) // 2
+    n, over = attrs["units"], attrs["over"]
+    few = too_few(n, over, comparisons)
+    if not comparisons or n < statistics.MIN_UNITS:
+        return few
+    same = "same letter = not separated (paired sign flips, Holm 5%); ranks in brackets hold in 95% of resamples."
+    return [same, *few, *skew(list(itertools.pairwise(order)), _neighbours(order, found))]
+
+
+def _against(attrs: dict[str, Any], found: Measured) -> list[str]:
+    vs, names = attrs["vs"], found.names
+    if vs not in names:
+        return [f"no differences to {vs}: it cannot be ranked."]
+    notes = [f"diff: paired, minus {vs}; p by sign flips, Holm over the other pipelines."]
+    order = list(attrs["entrants"])
+    beside = {order[k] for at in [order.index(vs)] for k in (at - 1, at + 1) if 0 <= k < len(order)}  # named above
+    others = [j for j, name in enumerate(names) if name != vs and name not in beside]
+    eye = np.eye(len(names))
+    differences = combined(found.units.values, eye[:, others] - eye[:, [names.index(vs)]])
+    return notes + skew([(names[j], vs) for j in others], differences)
+
+
+def _failures(table: pd.DataFrame, found: Measured) -> list[str]:
     if not table["failures"].sum():
         return []
+    trials = found.rows.trials
     ranked = [p for p, mean in zip(table["pipeline"], table["mean"], strict=True) if pd.notna(mean)]
-    sign = -1.0 if attrs["better"] == "higher" else 1.0
-    kept = rows[(rows["status"] == "ok") & rows["pipeline"].isin(ranked)]
-    means = pooling.units(kept, pool).values.mean() if len(kept) else pd.Series(dtype=float)
-    before = [p for p in ranked if p in means.index]
-    after = sorted(before, key=lambda p: (sign * means[p], before.index(p)))
-    gone = [p for p in ranked if p not in means.index]
-    change = "order unchanged if dropped" if before == after else f"order if dropped: {', '.join(after)}"
+    kept = units(found.rows.only(trials.ok[found.rows.trial]), found.pool)
+    left = means(kept, trials.pipelines)
+    before = [p for p in ranked if p in left]
+    after = sorted(before, key=lambda p: (found.sign * left[p], before.index(p)))
+    gone = [p for p in ranked if p not in left]
+    change = "ranks unchanged if dropped" if before == after else f"order if dropped: {', '.join(after)}"
     never = f" ({statistics.joined(gone)} never succeeded)" if gone else ""
     return [f"! failures scored as empty output; {change}{never}."]
 
 
-def _missing(table: pd.DataFrame, rows: pd.DataFrame, blocks: set[int]) -> list[str]:
-    found = []
-    total = rows["block"].nunique()
-    if blocks and len(blocks) < total:
-        found.append(f"ranked on {len(blocks)} of {total} blocks (scene and repetition): the others lack a score of a ranked pipeline.")
-    scored = rows.groupby("pipeline")["scored"].any()
-    bare = [str(p) for p in table["pipeline"] if not scored.get(p, False)]
+def _missing(table: pd.DataFrame, found: Measured) -> list[str]:
+    notes = []
+    rows = found.rows
+    total, ranked = len(np.unique(rows.block)), int(found.blocks.sum())
+    if found.ranked.any() and ranked < total:
+        notes.append(f"ranked on {ranked} of {total} blocks (scenario and repetition): the others lack a score of a ranked pipeline.")
+    scored = {rows.trials.pipelines[code] for code in np.unique(rows.pipeline[rows.scored])}
+    bare = [p for p in table["pipeline"] if p not in scored]
     if bare:
-        found.append(f"– no scores: {statistics.joined(bare)}.")
+        notes.append(f"– no scores: {statistics.joined(bare)}.")
     partial = [str(p) for p in table.loc[table["coverage"] < 1 - 1e-9, "pipeline"]]
     if partial:
-        found.append(f"– not ranked, the metric covers only a share of the target time: {statistics.joined(partial)}.")
-    return found
+        notes.append(f"– not ranked, the metric covers only a share of the target time: {statistics.joined(partial)}.")
+    return notes

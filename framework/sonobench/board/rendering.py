@@ -72,7 +72,7 @@ def _aligned(cell: str, width: int, name: str) -> str:
 def _title(attrs: Mapping[str, Any]) -> str:
     arrow = "↑" if attrs["better"] == "higher" else "↓"
     unit = f" ({attrs['unit']})" if attrs["unit"] != "1" else ""
-    return f"{attrs['metric']} {arrow}{unit}, {_plural(attrs['scenes'], 'scene')} × {_plural(attrs['repetitions'], 'rep')}"
+    return f"{attrs['metric']} {arrow}{unit}, {_plural(attrs['scenarios'], 'scenario')} × {_plural(attrs['repetitions'], 'rep')}"
 
 
 def _cells(board: pd.DataFrame, attrs: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:

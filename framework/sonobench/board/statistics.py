@@ -1,8 +1,7 @@
 """Intervals, ranks and paired comparisons of a matrix of unit values (n units, K pipelines).
 
-A unit is what was drawn independently: a scene, or within one scene a repetition. All functions are pure; the
-resamples come from a fixed seed, so that a board is a function of its scores, and are shared by all pipelines, so that
-differences stay paired.
+A unit is what was drawn independently: a scenario, or within one scenario a repetition. All functions are pure; random
+signs come from a fixed seed, so that a board is a function of its scores.
 
 Sources: bootstrap-t: Efron & Tibshirani 1993, ch. 12.5. Step-down: Holm 1979. Letters: Piepho 2004 (insert and absorb).
 """
@@ -11,19 +10,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from sonobench.types import Array, Bools, Floats, Ints
+from sonobench.board.bootstrap import Draws
+from sonobench.types import Bools, Floats, Ints
 
 #: units below which neither the bootstrap nor an exact signed test (2 / 2^n < .05) says anything at 5 %
 MIN_UNITS = 6
 LEVEL = 0.95
-_RESAMPLES = 10_000
 _EXACT = 14  # 2^13 sign patterns; beyond, as many random ones as below
 _FLIPS = 20_000
+_AT_ONCE = 2_000_000  # signs held in memory
 _SEED = 2008
 
 
@@ -35,77 +36,96 @@ class Interval(NamedTuple):
     method: str
 
 
-def resamples(n: int) -> Floats:
-    """(B, n) how often each unit is drawn in each bootstrap resample; the same for the same n."""
-    return np.random.default_rng(_SEED).multinomial(n, np.full(n, 1 / n), size=_RESAMPLES).astype(float)
-
-
-def interval(values: Array, counts: Floats | None = None) -> Interval:
-    """95 % interval of the mean of (n,) unit values.
+def intervals(draws: Draws) -> list[Interval]:
+    """95 % intervals of M pooled values.
 
     Bootstrap-t from MIN_UNITS on; Student's t below, and where more than one in 200 resamples drew units without any
-    spread, which leaves the studentised mean undefined.
+    spread, which leaves the studentised value undefined.
     """
-    n = len(values)
+    return [_interval(draws, m) for m in range(len(draws.value))]
+
+
+def _interval(draws: Draws, m: int) -> Interval:
+    n, value, error = draws.n, float(draws.value[m]), float(draws.error[m])
     if n < 2:
         return Interval(math.nan, math.nan, "")
-    mean = float(values.mean())
-    centred = values - mean
-    error = float(np.sqrt(centred @ centred / (n * (n - 1))))
-    if error <= 1e-12 * float(np.abs(values).max()):
-        return Interval(mean, mean, "t" if n < MIN_UNITS else "bootstrap-t")
+    if error <= 1e-12 * abs(value) or error == 0:
+        return Interval(value, value, "t" if n < MIN_UNITS else "bootstrap-t")
     if n >= MIN_UNITS:
-        drawn = resamples(n) if counts is None else counts
-        means = drawn @ centred / n
-        variances = np.maximum(drawn @ centred**2 / n - means**2, 0.0) / (n - 1)
-        spread = np.sqrt(variances) > 1e-6 * error
+        values, errors = draws.values[:, m], draws.errors[:, m]
+        spread = errors > 1e-6 * error
         if spread.mean() >= 0.995:
-            t = means[spread] / np.sqrt(variances[spread])
+            t = (values[spread] - value) / errors[spread]
             low, high = np.quantile(t, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            return Interval(mean - float(high) * error, mean - float(low) * error, "bootstrap-t")
+            return Interval(value - float(high) * error, value - float(low) * error, "bootstrap-t")
     from scipy.special import stdtrit
 
     half = float(stdtrit(n - 1, (1 + LEVEL) / 2)) * error
-    return Interval(mean - half, mean + half, "t")
+    return Interval(value - half, value + half, "t")
 
 
 def ranks(means: Floats) -> Ints:
     """Ranks (…, K) from 1, least first; equal means (to 12 digits) share the smaller rank."""
-    from scipy.stats import rankdata
-
     scale = max(float(np.abs(means).max(initial=0.0)), 1e-300)
-    return np.asarray(rankdata(np.round(means / scale, 12), method="min", axis=-1), np.int64)
+    rounded = np.round(means / scale, 12)
+    found = np.ones(rounded.shape, np.int64)
+    for j in range(rounded.shape[-1]):
+        found += rounded[..., j : j + 1] < rounded
+    return found
 
 
-def rank_intervals(values: Array, counts: Floats) -> tuple[Ints, Ints]:
-    """Least and greatest rank (K,) of each column in the central 95 % of the resamples."""
-    drawn = ranks(counts @ values / len(values))
-    low, high = (1 - LEVEL) / 2, (1 + LEVEL) / 2
-    return (
-        np.quantile(drawn, low, axis=0, method="lower").astype(np.int64),
-        np.quantile(drawn, high, axis=0, method="higher").astype(np.int64),
-    )
+def rank_intervals(values: Floats) -> tuple[Ints, Ints]:
+    """Least and greatest rank (K,) of each column in the central 95 % of resampled values (B, K)."""
+    drawn = np.sort(ranks(values), axis=0)
+    outside = math.floor(len(drawn) * (1 - LEVEL) / 2)
+    return drawn[outside], drawn[len(drawn) - 1 - outside]
 
 
-def sign_flip(differences: Array) -> Array:
+def sign_flip(differences: Floats) -> Floats:
     """Two-sided p (M,) of paired differences (n, M) having mean 0, by flipping their signs.
 
     Exact over all 2^n patterns up to n = 14, else over 20 000 random ones and the observed one.
     """
     n, m = differences.shape
-    if n == 0:
+    if n == 0 or m == 0:
         return np.ones(m)
-    if n <= _EXACT:  # a pattern and its opposite have the same |sum|: half of them are enough
+    slack = 1e-9 * np.abs(differences).sum(axis=0)
+    least = np.abs(differences.sum(axis=0)) - slack
+    reached, patterns = np.zeros(m), 0
+    for signs in _patterns(n):
+        reached += (np.abs(signs @ differences) >= least).sum(axis=0)
+        patterns += len(signs)
+    return reached / patterns
+
+
+def _patterns(n: int) -> Iterator[Floats]:
+    """Chunks (b, n) of signs, the observed ones among them; of a pattern and its opposite, whose |sum| is the same, one is enough."""
+    if n <= _EXACT or n * _FLIPS <= _AT_ONCE:
+        yield _kept_patterns(n)
+        return
+    yield np.ones((1, n))
+    rng, left = np.random.default_rng(_SEED), _FLIPS
+    while left:
+        size = min(left, max(1, _AT_ONCE // n))
+        left -= size
+        yield _random_signs(rng, size, n)
+
+
+@lru_cache(maxsize=8)
+def _kept_patterns(n: int) -> Floats:
+    if n <= _EXACT:
         signs = np.array([(1, *rest) for rest in itertools.product((1, -1), repeat=n - 1)], float)
     else:
-        signs = np.random.default_rng(_SEED).choice(np.array([1.0, -1.0]), size=(_FLIPS, n))
-        signs = np.concatenate([np.ones((1, n)), signs])
-    sums = np.abs(signs @ differences)
-    slack = 1e-9 * np.abs(differences).sum(axis=0)
-    return np.asarray((sums >= sums[0] - slack).mean(axis=0))
+        signs = np.concatenate([np.ones((1, n)), _random_signs(np.random.default_rng(_SEED), _FLIPS, n)])
+    signs.flags.writeable = False
+    return signs
 
 
-def holm(p: Array) -> Array:
+def _random_signs(rng: np.random.Generator, size: int, n: int) -> Floats:
+    return 2.0 * rng.integers(2, size=(size, n)) - 1.0
+
+
+def holm(p: Floats) -> Floats:
     """Holm's step-down adjusted p (M,)."""
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
@@ -119,7 +139,7 @@ def units_needed(comparisons: int) -> int:
     return max(MIN_UNITS, math.floor(math.log2(2 * max(comparisons, 1) / (1 - LEVEL)) + 1e-9) + 1)
 
 
-def pairwise(values: Array) -> tuple[list[tuple[int, int]], Array]:
+def pairwise(values: Floats) -> tuple[list[tuple[int, int]], Floats]:
     """All pairs (i, j), i < j, of the columns (n, K), and their Holm-adjusted sign-flip p."""
     pairs = list(itertools.combinations(range(values.shape[1]), 2))
     if not pairs:
@@ -148,7 +168,25 @@ def _letter(k: int) -> str:
     return "abcdefghijklmnopqrstuvwxyz"[k % 26] + (str(k // 26) if k >= 26 else "")
 
 
-def skewed(differences: Array) -> Bools:
+def design_effect(differences: Floats, groups: Ints) -> Floats:
+    """How many times larger (M,) the standard error is when whole groups of units (n,) are taken as drawn, not single units.
+
+    1 where there are fewer than three groups, no group of several units, or no spread.
+    """
+    n, m = differences.shape
+    labels, group = np.unique(groups, return_inverse=True)
+    count = len(labels)
+    if count < 3 or count == n:
+        return np.ones(m)
+    centred = differences - differences.mean(axis=0)
+    sums = np.zeros((count, m))
+    np.add.at(sums, group, centred)
+    single = (centred**2).sum(axis=0) / (n - 1)
+    grouped = (sums**2).sum(axis=0) / n * count / (count - 1)
+    return np.sqrt(np.divide(grouped, single, out=np.ones(m), where=single > 1e-20 * (differences**2).mean(axis=0)))
+
+
+def skewed(differences: Floats) -> Bools:
     """Which columns (n, M) have a sample skewness beyond twice its standard error under normality."""
     n = len(differences)
     if n < MIN_UNITS:

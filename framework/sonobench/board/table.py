@@ -1,23 +1,30 @@
 """The leaderboard: one row a pipeline, with what its rank rests on.
 
-Repetitions are averaged per scene first. Only complete blocks (a scene's repetition that every ranked pipeline has a
+Repetitions are pooled per scenario first. Only complete blocks (a scenario's repetition that every ranked pipeline has a
 score of) are ranked; failed trials have the scores of empty output, so they are complete. A pipeline whose metric is
 undefined somewhere, or covers less than all of the target time, or that has no scores, stands at the end unranked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from sonobench.board import notes, pooling, statistics
-from sonobench.errors import InputError
+from sonobench.board import notes, select, statistics
+from sonobench.board.bootstrap import bootstrap, combined
+from sonobench.board.facts import facts
+from sonobench.board.measured import Measured, measured
+from sonobench.board.pooling import means, units
+from sonobench.types import Floats
 
-_FULL = 1 - 1e-9
-_STATISTICS = ("mean", "low", "high", "interval", "rank_low", "rank_high", "tie", "rank")
+_COLUMNS = ("rank", "pipeline", "origin", "mean", "low", "high", "interval", "rank_low", "rank_high", "tie")
+_BLANK = {"rank": pd.NA, "rank_low": pd.NA, "rank_high": pd.NA, "interval": "", "tie": ""}
+_FACTS = ("failures", "trials", "coverage", "ms_per_frame", "given")
+_AGAINST = ("diff", "diff_low", "diff_high", "diff_p")
+Found = dict[str, dict[str, Any]]
 
 
 def leaderboard(
@@ -36,174 +43,129 @@ def leaderboard(
     Returns:
         Columns: the one of `by`, rank (missing where unranked), pipeline, origin, mean, low, high (95 %), interval (its
         method), rank_low, rank_high, tie, failures, trials, coverage, ms_per_frame, given; with `vs` diff, diff_low,
-        diff_high, diff_p; then those of `also`. `attrs` says what it is of: metric, unit, better, scenes, repetitions,
-        over (what the interval is over), units, entrants (who can be ranked), and notes; with `by` one such table for each value under "groups".
+        diff_high, diff_p; then those of `also`. `attrs` says what it is of: metric, unit, better, scenes, scenarios,
+        repetitions, over (what the interval is over), units (how many), entrants (who can be ranked), vs, settings (values
+        swept in scenes, by column) and notes; with `by` one such table for each value under "groups".
 
     Raises:
-        InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is.
+        InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is; or a trial stands there twice.
     """
-    chosen = {name: _of_metric(scores, name) for name in (metric, *also)}
-    if vs is not None and vs not in set(trials["pipeline"]):
-        raise InputError(f"no pipeline {vs!r} to compare with; the board has {sorted(set(trials['pipeline']))}")
-    if by is None:
-        return _board(trials, chosen, vs)
-    column = _column(trials, by)
-    boards = [(value, _board(part, chosen, vs)) for value, part in _parts(trials, column)]
-    table = pd.concat([board.assign(**{column: value}) for value, board in boards], ignore_index=True)
-    table = table[[column, *(c for c in table.columns if c != column)]]
-    table.attrs = {"by": column, "groups": [{**board.attrs, "value": _plain(value)} for value, board in boards]}
-    return table
-
-
-def _board(trials: pd.DataFrame, chosen: dict[str, pd.DataFrame], vs: str | None) -> pd.DataFrame:
-    metric, scores = next(iter(chosen.items()))
-    pool, unit, better = (str(scores[c].iloc[0]) for c in ("pool", "unit", "better"))
-    sign = -1.0 if better == "higher" else 1.0
-    planned = pooling.joined_scores(trials, scores)
-    rows = planned[planned["block"].isin(planned.loc[planned["value"].notna(), "block"])]  # in the others there is nothing to score
-    rows = rows if len(rows) else planned
-    ranked, blocks = _ranked(rows)
-    units = pooling.units(rows[rows["pipeline"].isin(ranked) & rows["block"].isin(blocks)], pool)
-    found = _statistics(units.values, sign) | _unranked(rows[~rows["pipeline"].isin(ranked)], pool)
-    table = _facts(trials, rows).join(pd.DataFrame.from_dict(found, orient="index", columns=list(_STATISTICS)))
-    table = table.astype({"rank": "Int64", "rank_low": "Int64", "rank_high": "Int64"}).fillna({"interval": "", "tie": ""})
-    last = ["ms_per_frame", "given"]
+    chosen = {name: select.of_metric(scores, name) for name in (metric, *also)}
     if vs is not None:
-        table = table.join(_against(units.values, vs))
-        last += ["diff", "diff_low", "diff_high", "diff_p"]
-    for name, other in list(chosen.items())[1:]:
-        table[name] = pooling.units(pooling.joined_scores(trials, other), str(other["pool"].iloc[0])).values.mean()
-    table["unranked"] = ~table.index.isin(units.values.columns)
-    table["good"] = sign * table["mean"]
-    table = table.rename_axis("pipeline").reset_index().sort_values(["unranked", "good", "pipeline"], na_position="last", ignore_index=True)
-    table = table[["rank", "pipeline", "origin", *_STATISTICS[:-1], "failures", "trials", "coverage", *last, *list(chosen)[1:]]]
-    table.attrs = {
-        "metric": metric,
-        "unit": unit,
-        "better": better,
-        "scenes": int(planned["scene"].nunique()),
-        "repetitions": int(planned.groupby(["scene", "cell"])["block"].nunique().max()),
-        "over": units.over,
-        "units": len(units.values),
-        "entrants": [p for p in table["pipeline"] if p in units.values.columns],
-        "vs": vs,
-    }
-    table.attrs["notes"] = notes.of(table, rows, units.values, blocks, pool)
+        select.known_pipeline(trials, vs)
+    return grouped(trials, by, lambda part: _board(part, chosen, vs))
+
+
+def grouped(trials: pd.DataFrame, by: str | None, board: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
+    """The board of all trials, or one table of the boards for each value of a column.
+
+    Raises:
+        InputError: there is no such column.
+    """
+    if by is None:
+        return board(trials)
+    column = select.column_of(trials, by)
+    boards = [(value, board(part)) for value, part in select.parts(trials, column)]
+    table = pd.concat([one.assign(**{column: value}) for value, one in boards], ignore_index=True)
+    table = table[[column, *(c for c in table.columns if c != column)]]
+    table.attrs = {"by": column, "groups": [{**one.attrs, "value": value} for value, one in boards]}
     return table
 
 
-def _ranked(rows: pd.DataFrame) -> tuple[list[str], set[int]]:
-    """The pipelines that can be ranked, and the blocks that all of them have a score of."""
-    trial = rows.groupby(["pipeline", "block"]).agg(scored=("scored", "all"), known=("value", "count"), coverage=("coverage", "min"))
-    defined = (trial["known"] > 0) & (trial["coverage"] >= _FULL) | ~trial["scored"]
-    sound = defined.groupby("pipeline").all() & trial["scored"].groupby("pipeline").any()
-    ranked = sorted(str(p) for p in sound.index[sound])
-    complete = trial["scored"].unstack("pipeline").reindex(columns=ranked).fillna(False).astype(bool).all(axis=1)
-    return ranked, set(complete.index[complete]) if ranked else set()
-
-
-def _facts(trials: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """What a row says of a pipeline beside its scores."""
-    status = trials["status"].fillna("").astype(str)
-    done = trials[status == "ok"]
-    seconds = (done["front_end_s"].fillna(0) + done["tracker_s"].fillna(0)).groupby(done["pipeline"]).sum()
-    frames = done.groupby("pipeline")["frames"].sum()
-    first = trials.drop_duplicates("pipeline").set_index("pipeline")
-    each = rows.groupby(["pipeline", "trial_key"])["coverage"].mean()
-    return pd.DataFrame(
+def _board(trials: pd.DataFrame, chosen: Mapping[str, pd.DataFrame], vs: str | None) -> pd.DataFrame:
+    metric = next(iter(chosen))
+    found = measured(trials, metric, chosen[metric])
+    told = _ranked(found, vs) | _unranked(found)
+    others = {name: _means(measured(trials, name, scores)) for name, scores in chosen.items() if name != metric}
+    records = [
         {
-            "origin": [_origin(row) for row in first.to_dict("records")],
-            "failures": (~status.isin(["ok", ""])).groupby(trials["pipeline"]).sum().reindex(first.index),
-            "trials": trials.groupby("pipeline").size().reindex(first.index),
-            "coverage": each.groupby("pipeline").mean().reindex(first.index),
-            "ms_per_frame": (1e3 * seconds / frames.where(frames > 0)).reindex(first.index),
-            "given": [_given(value) for value in first["given"]] if "given" in first else "",
-        },
-        index=first.index,
-    )
+            **_BLANK,
+            **fact,
+            **told.get(fact["pipeline"], {}),
+            **{name: means.get(fact["pipeline"], np.nan) for name, means in others.items()},
+        }
+        for fact in facts(trials, found)
+    ]
+    ranked = set(found.names)
+    order = sorted(records, key=lambda r: (r["pipeline"] not in ranked, _worth(found.sign, r.get("mean")), r["pipeline"]))
+    table = pd.DataFrame(order, columns=[*_COLUMNS, *_FACTS, *(_AGAINST if vs is not None else ()), *others])
+    table = table.astype({"rank": "Int64", "rank_low": "Int64", "rank_high": "Int64"})
+    numbers = ["mean", "low", "high", "coverage", "ms_per_frame", *(_AGAINST if vs is not None else ()), *others]
+    table[numbers] = table[numbers].astype(float)
+    table.attrs = attrs(trials, found) | {"vs": vs, "entrants": [r["pipeline"] for r in order if r["pipeline"] in ranked]}
+    table.attrs["notes"] = notes.of(table, found)
+    return table
 
 
-def _statistics(values: pd.DataFrame, sign: float) -> dict[str, tuple[Any, ...]]:
-    """`_STATISTICS` of the ranked pipelines, from their unit values."""
-    if values.empty:
-        return {}
-    ordered = values[list((sign * values.mean()).sort_values(kind="stable").index)]
-    x = sign * ordered.to_numpy(float)
-    n, k = x.shape
-    counts = statistics.resamples(n)
-    order, low, high = ([pd.NA] * k for _ in range(3))
-    tie = [""] * k
-    if n >= statistics.MIN_UNITS:
-        order = statistics.ranks(x.mean(axis=0)).tolist()
-        low, high = (r.tolist() for r in statistics.rank_intervals(x, counts))
-        pairs, p = statistics.pairwise(x)
-        tie = statistics.letters(k, [pair for pair, value in zip(pairs, p, strict=True) if value < 1 - statistics.LEVEL])
-    own = [(float(v.mean()), *statistics.interval(v, counts)) for v in sign * x.T]
-    return {str(name): (*own[j], low[j], high[j], tie[j], order[j]) for j, name in enumerate(ordered.columns)}
-
-
-def _unranked(rows: pd.DataFrame, pool: str) -> dict[str, tuple[Any, ...]]:
-    """`_STATISTICS` of what each other pipeline has a value of."""
-    found: dict[str, tuple[Any, ...]] = {}
-    for pipeline, mine in rows[rows["value"].notna()].groupby("pipeline"):
-        values = pooling.units(mine, pool).values
-        if not values.empty:
-            v = values.iloc[:, 0].to_numpy(float)
-            found[str(pipeline)] = (float(v.mean()), *statistics.interval(v), pd.NA, pd.NA, "", pd.NA)
-    return found
-
-
-def _against(values: pd.DataFrame, vs: str) -> pd.DataFrame:
-    """Paired differences to `vs`; negative is a smaller value than its."""
-    others = [p for p in values.columns if p != vs] if vs in values.columns else []
-    differences = values[others].to_numpy(float) - values[[vs]].to_numpy(float) if others else np.zeros((0, 0))
-    p = statistics.holm(statistics.sign_flip(differences)) if len(differences) >= statistics.MIN_UNITS else np.full(len(others), np.nan)
-    found = {
-        name: (float(d.mean()), *statistics.interval(d)[:2], p[j]) for j, (name, d) in enumerate(zip(others, differences.T, strict=True))
+def attrs(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
+    """What a board is of."""
+    coded = found.planned.trials
+    first = np.unique(coded.block, return_index=True)[1]
+    return {
+        "metric": found.metric,
+        "unit": found.unit,
+        "better": found.better,
+        "scenes": len(np.unique(coded.scene)),
+        "scenarios": len(coded.scene),
+        "repetitions": int(np.bincount(coded.scenario[first]).max(initial=0)),
+        "over": found.units.over,
+        "units": len(found.units.values),
+        "settings": {c: select.sorted_values(trials[c]) for c in select.scene_columns(trials)},
     }
-    return pd.DataFrame.from_dict(found, orient="index", columns=["diff", "diff_low", "diff_high", "diff_p"], dtype=float)
 
 
-def _of_metric(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
-    chosen = scores[scores["metric"] == metric]
-    if chosen.empty:
-        raise InputError(f"no scores of metric {metric!r}; the run has {sorted(set(scores['metric'])) or 'none'}")
-    if "metric_sha" in chosen and chosen["metric_sha"].nunique() > 1:
-        raise InputError(
-            f"metric {metric!r} was computed with {chosen['metric_sha'].nunique()} different settings; compare runs of one setting"
-        )
-    return chosen
+def _worth(sign: float, mean: Any) -> tuple[bool, float]:
+    """What sorts the better one first, and NaN last."""
+    return (True, 0.0) if mean is None or np.isnan(mean) else (False, sign * mean)
 
 
-def _column(trials: pd.DataFrame, by: str) -> str:
-    columns = [c for c in trials.columns if c.startswith("p_") or c == "scene"]
-    found = [c for c in columns if c in (by, f"p_{by}")] or [c for c in columns if c.endswith(f".{by}")]
-    if len(found) != 1:
-        raise InputError(f"--by {by}: {f'{found} all end so' if found else 'no such column'}; the run can be split by {columns}")
-    return found[0]
+def _ranked(found: Measured, vs: str | None) -> Found:
+    """What the ranked pipelines' unit values tell; statistics below MIN_UNITS are left out."""
+    names, values = found.names, found.units.values
+    n, k = values.shape
+    if not n or not k:
+        return {}
+    others = [j for j, name in enumerate(names) if name != vs] if vs in names else []
+    contrasts = np.eye(k)[:, others] - (np.eye(k)[:, [names.index(vs)]] if vs in names else 0.0)
+    draws = bootstrap(found.units, np.concatenate([np.eye(k), contrasts], axis=1))
+    spans = statistics.intervals(draws)
+    told: Found = {
+        name: {"mean": float(draws.value[j]), **dict(zip(("low", "high", "interval"), spans[j], strict=True))}
+        for j, name in enumerate(names)
+    }
+    if n >= statistics.MIN_UNITS:
+        _add_ranks(told, found, draws.values[:, :k])
+    p = statistics.holm(statistics.sign_flip(combined(values, contrasts))) if n >= statistics.MIN_UNITS else np.full(len(others), np.nan)
+    for m, j in enumerate(others):
+        told[names[j]] |= dict(zip(_AGAINST, (float(draws.value[k + m]), *spans[k + m][:2], float(p[m])), strict=True))
+    return told
 
 
-def _parts(trials: pd.DataFrame, column: str) -> list[tuple[Any, pd.DataFrame]]:
-    """The trials of each value; pipelines that a pipeline's sweep does not touch stand on each board."""
-    everywhere = trials[trials[column].isna()] if column.startswith("p_pipelines.") else trials.iloc[:0]
-    values = sorted(trials[column].dropna().unique(), key=lambda v: (isinstance(v, str), v))
-    parts = [(value, pd.concat([trials[trials[column] == value], everywhere])) for value in values]
-    rest = trials[trials[column].isna()]
-    return parts if len(everywhere) or rest.empty else [*parts, (None, rest)]
+def _add_ranks(told: Found, found: Measured, resampled: Floats) -> None:
+    goodness = found.sign * found.units.values
+    order = np.argsort(goodness.mean(axis=0), kind="stable")
+    rank = statistics.ranks(goodness.mean(axis=0))
+    low, high = statistics.rank_intervals(found.sign * resampled)
+    pairs, p = statistics.pairwise(goodness[:, order])
+    tie = statistics.letters(len(order), [pair for pair, value in zip(pairs, p, strict=True) if value < 1 - statistics.LEVEL])
+    for place, j in enumerate(order):
+        told[found.names[j]] |= {"rank": int(rank[j]), "rank_low": int(low[j]), "rank_high": int(high[j]), "tie": tie[place]}
 
 
-def _origin(row: Mapping[Any, Any]) -> str:
-    """Distribution and version (of a file without one, the head of its code's hash); * marks uncommitted changes."""
-    version = str(row.get("version") or "") or f"@{row.get('code_sha') or ''}"[:5]
-    dirty = "*" if row.get("dirty") in (True, np.True_) else ""
-    return f"{row.get('distribution') or ''} {version.removesuffix('@')}{dirty}".strip()
+def _unranked(found: Measured) -> Found:
+    """Mean and interval of what each other pipeline has a value of."""
+    told: Found = {}
+    for code in np.flatnonzero(~found.ranked):
+        mine = units(found.rows.only(found.rows.pipeline == code), found.pool)
+        if mine.values.size:
+            draws = bootstrap(mine)
+            told[found.planned.trials.pipelines[code]] = {
+                "mean": float(draws.value[0]),
+                **dict(zip(("low", "high", "interval"), statistics.intervals(draws)[0], strict=True)),
+            }
+    return told
 
 
-def _given(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    return ", ".join(map(str, value)) if isinstance(value, (list, tuple, np.ndarray)) else ""
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _means(found: Measured) -> dict[str, float]:
+    """Mean over units of whatever each pipeline has."""
+    return means(units(found.planned, found.pool), found.planned.trials.pipelines)

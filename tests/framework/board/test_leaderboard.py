@@ -38,7 +38,7 @@ def test_the_best_stands_first_and_separated_pipelines_have_letters_of_their_own
     good = row(table, "good")
     assert good["mean"] == pytest.approx(BASE.mean())
     assert good["low"] < good["mean"] < good["high"]
-    assert table.attrs["over"] == "scenes"
+    assert table.attrs["over"] == "scenarios"
 
 
 def test_higher_is_better_where_the_metric_says_so():
@@ -67,7 +67,7 @@ def test_below_six_units_nothing_is_ranked_and_the_number_needed_is_said():
     table = board({"good": grid(lambda s, r: 0.1 + s / 10, 5, 2), "bad": grid(lambda s, r: 0.9, 5, 2)})
     assert table["pipeline"].tolist() == ["good", "bad"]
     assert table["rank"].isna().all()
-    assert "too few scenes to rank: 5; 6 are needed" in render(table)
+    assert "too few scenarios to rank: 5; 6 are needed" in render(table)
 
 
 def test_between_six_units_and_what_holm_needs_the_board_says_that_letters_cannot_separate():
@@ -76,7 +76,7 @@ def test_between_six_units_and_what_holm_needs_the_board_says_that_letters_canno
     assert set(table["tie"]) == {"a"}
     assert table["rank"].tolist() == [1, 2, 3, 4, 5]
     assert "10 are needed" not in render(board({k: many[k] for k in ("p0", "p1")}))
-    assert "too few scenes to separate anything among 10 comparisons: 6; 9 are needed" in render(table)
+    assert "too few scenarios to separate anything among 10 comparisons: 6; 9 are needed" in render(table)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_failed_pipeline_is_there_scored_as_empty_output():
     assert math.isnan(found["ms_per_frame"])
     assert row(table, "good")["ms_per_frame"] == pytest.approx(1.0)
     assert "16!" in render(table)
-    assert "order unchanged if dropped (broken never succeeded)" in render(table)
+    assert "ranks unchanged if dropped (broken never succeeded)" in render(table)
 
 
 def test_the_board_says_when_dropping_failures_changes_the_order():
@@ -196,8 +196,9 @@ def test_by_makes_one_board_a_value_and_any_unique_suffix_names_the_column():
     assert "scene.noise.snr_db = 20: ospa" in render(table)
     assert json.loads(render(table, "json"))["board"]["groups"][1]["value"] == 20
     merged = leaderboard(trials, scores, "ospa")
-    assert (merged.attrs["units"], merged.attrs["repetitions"]) == (8, 2)
-    assert "averaged over 2 swept settings" in render(merged)
+    assert (merged.attrs["units"], merged.attrs["over"], merged.attrs["repetitions"]) == (16, "scenarios", 2)
+    assert "(scene.noise.snr_db): 16 of 8 scenes" in render(merged)
+    assert "standard error of a difference is 1.5 times as large" in render(merged)  # √2 and the lost degree of freedom
     with pytest.raises(InputError, match=r"--by snr: no such column.*p_scene.noise.snr_db"):
         leaderboard(trials, scores, "ospa", by="snr")
 
@@ -239,10 +240,10 @@ def test_pipelines_that_use_what_the_scene_gives_are_marked():
 
 def test_text_is_one_header_line_aligned_rows_and_notes():
     lines = render(board({"good": GOOD, "bad": BAD}, failed=[("bad", "room1", 0)])).splitlines()
-    assert lines[0].startswith("ospa ↓ (m), 8 scenes × 2 reps")
+    assert lines[0].startswith("ospa ↓ (m), 8 scenarios × 2 reps")
     assert lines[1].startswith(" 1 good  (sonobench 0.1.0)")
     assert lines[1].index("[") == lines[2].index("[") == lines[0].index("95% CI")
-    assert lines[3].startswith("95% CI: bootstrap-t over 8 scenes (2 repetitions of a scene averaged first)")
+    assert lines[3].startswith("95% CI: bootstrap-t over 8 scenarios (2 repetitions of a scenario pooled first)")
 
 
 def test_every_format_holds_the_same_rows():

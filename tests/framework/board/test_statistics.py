@@ -13,8 +13,16 @@ from hypothesis.extra.numpy import arrays
 from scipy import stats
 
 from sonobench.board import statistics as s
+from sonobench.board.bootstrap import bootstrap
+from sonobench.board.pooling import Units
 
 small = st.integers(1, 6).flatmap(lambda n: arrays(float, (n, 3), elements=st.integers(-4, 4).map(float)))
+
+
+def interval(values):
+    """Of one column of unit values."""
+    values = np.asarray(values, float)[:, None]
+    return s.intervals(bootstrap(Units(values, np.arange(1), "scenarios", np.arange(len(values)))))[0]
 
 
 def fixed(array):
@@ -65,24 +73,24 @@ def test_two_items_share_a_letter_exactly_when_they_are_not_separated(size, data
 
 def test_few_units_have_students_interval_and_one_has_none():
     values = fixed([1.0, 2.0, 4.0])
-    low, high, method = s.interval(values)
+    low, high, method = interval(values)
     np.testing.assert_allclose((low, high), stats.t.interval(0.95, 2, values.mean(), stats.sem(values)))
     assert method == "t"
-    assert math.isnan(s.interval(values[:1]).low)
+    assert math.isnan(interval(values[:1]).low)
 
 
 def test_the_bootstrap_t_interval_leans_to_the_long_tail_and_moves_with_its_values():
     values = fixed(np.random.default_rng(0).lognormal(0, 1, 15))
-    low, high, method = s.interval(values)
+    low, high, method = interval(values)
     assert method == "bootstrap-t"
     assert high - values.mean() > 1.3 * (values.mean() - low)
-    np.testing.assert_allclose(s.interval(values * 3 + 7)[:2], (low * 3 + 7, high * 3 + 7))
-    assert s.interval(values) == (low, high, method)
+    np.testing.assert_allclose(interval(values * 3 + 7)[:2], (low * 3 + 7, high * 3 + 7))
+    assert interval(values) == (low, high, method)
 
 
 def test_an_interval_of_equal_values_is_a_point_and_near_equal_ones_fall_back_to_students():
-    assert s.interval(fixed(np.full(8, 1 / 3)))[:2] == pytest.approx((1 / 3, 1 / 3))
-    assert s.interval(fixed([0, 0, 0, 0, 0, 0, 1])).method == "t"
+    assert interval(fixed(np.full(8, 1 / 3)))[:2] == pytest.approx((1 / 3, 1 / 3))
+    assert interval(fixed([0, 0, 0, 0, 0, 0, 1])).method == "t"
 
 
 def test_equal_means_share_a_rank():
@@ -92,7 +100,7 @@ def test_equal_means_share_a_rank():
 def test_rank_intervals_are_sharp_where_all_units_agree_and_wide_where_they_do_not():
     x = np.random.default_rng(0).normal(size=(12, 1)) + np.array([0.0, 5.0, 5.0])
     x[:, 1:] += np.random.default_rng(1).normal(size=(12, 2))
-    low, high = s.rank_intervals(fixed(x), s.resamples(12))
+    low, high = s.rank_intervals(bootstrap(Units(fixed(x), np.arange(3), "scenarios", np.arange(12))).values)
     assert (low.tolist(), high.tolist()) == ([1, 2, 2], [1, 3, 3])
 
 
@@ -103,15 +111,15 @@ def test_skewed_differences_are_noticed():
 
 @pytest.mark.parametrize(("units", "least"), [(6, 0.91), (10, 0.93)])
 def test_the_bootstrap_t_interval_covers_the_mean_of_normal_units(units, least):
-    rng, counts = np.random.default_rng(11), s.resamples(units)
-    found = [s.interval(row, counts) for row in rng.normal(size=(400, units))]
+    rng = np.random.default_rng(11)
+    found = [interval(row) for row in rng.normal(size=(400, units))]
     assert least - 0.03 < np.mean([low <= 0 <= high for low, high, _ in found]) < 0.985  # 3 standard errors of 400 draws
 
 
 @pytest.mark.study
 @pytest.mark.parametrize(("draw", "covered"), [("normal", 0.95), ("exponential", 0.92)])
 def test_coverage_over_ten_scenes_is_what_the_simulations_say(draw, covered):
-    rng, counts = np.random.default_rng(5), s.resamples(10)
+    rng = np.random.default_rng(5)
     values = rng.normal(1, 1, (3000, 10)) if draw == "normal" else rng.exponential(1, (3000, 10))
-    found = [s.interval(row, counts) for row in values]
+    found = [interval(row) for row in values]
     assert np.mean([low <= 1 <= high for low, high, _ in found]) == pytest.approx(covered, abs=0.02)
