@@ -31,6 +31,7 @@ from sonobench.errors import PluginError, SonobenchError, TableError, Unavailabl
 from sonobench.protocols import ROLES
 from sonobench.registry import Registry, did_you_mean
 from sonobench.types import read_only
+from sonobench.uses import watching
 
 T = TypeVar("T")
 
@@ -54,7 +55,8 @@ def build(target: type[T] | str, table: Any, registry: Registry, where: str = ""
     converter = _converter(registry)
     wanted: Any = ROLES[target] if isinstance(target, str) else target
     try:
-        return converter.structure(table, wanted)
+        with watching():
+            return converter.structure(table, wanted)
     except Exception as error:  # cattrs wraps whatever a component's own __post_init__ raises
         faults = list(_faults(error, where))
         if all(isinstance(cause, UnavailableError) for _, cause in faults):

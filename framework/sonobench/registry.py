@@ -24,6 +24,7 @@ import pluggy
 
 from sonobench import hookspecs
 from sonobench.errors import InputError, PluginError, UnavailableError
+from sonobench.uses import follow, watching
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
 _LOADERS = (__file__, importlib.__file__, "<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
@@ -127,7 +128,9 @@ class Registry:
     def _add(self, plugin: Plugin, load: Any) -> Plugin:
         key = f"{plugin.distribution}:{plugin.name}"
         try:
-            module = load()
+            with watching():
+                module = load()
+            follow([module.__name__])
             entries, data = self._registered(plugin, key, module)
         except (Exception, SystemExit) as error:  # a plugin's own code may raise anything
             if self._manager.has_plugin(key):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sonobench.errors import InputError
 from sonobench.files import temporaries
@@ -39,6 +41,19 @@ class Cache:
         """A front end's scans, and the notes beside them (what they cost), written last."""
         folder = self._folder("scans")
         return folder / f"{key}.npz", folder / f"{key}.json"
+
+    def has_scans(self, key: str, session: str) -> bool:
+        """Whether scans are there that this session may use."""
+        return self.notes(self.scans(key)[1], session) is not None
+
+    @staticmethod
+    def notes(path: Path, session: str) -> dict[str, Any] | None:
+        """What stands beside a cached file, None where it must not be used: an open step's product serves its own session alone."""
+        try:
+            found: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        except (OSError, ValueError):
+            return None
+        return found if not found.get("beyond") or found.get("session") == session else None
 
     def numba(self, digest: str) -> Path:
         """Machine code compiled from sources with this digest."""

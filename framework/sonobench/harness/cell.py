@@ -8,7 +8,7 @@ import secrets
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +57,7 @@ class Outcome:
         wall_s: seconds from dispatch to answer.
         peak_mb: the most that the process held.
         log_bytes: size of the task's own output.
+        beyond: what the task used that its keys do not cover, in words.
     """
 
     status: str
@@ -66,6 +67,7 @@ class Outcome:
     wall_s: float = 0.0
     peak_mb: float = 0.0
     log_bytes: int = 0
+    beyond: Sequence[str] = ()
 
 
 class Cell:

@@ -30,6 +30,8 @@ TRIAL_COLUMNS: Mapping[str, str] = {
     "scene": "string",
     "repetition": "int64",
     "run": "int64",
+    "scene_sha": "string",
+    "pipeline_sha": "string",
     "recording_key": "string",
     "input_sha": "string",
     "truth_sha": "string",
@@ -41,6 +43,7 @@ TRIAL_COLUMNS: Mapping[str, str] = {
     "timeout_s": "float64",
     "memory_mb": "float64",
     "open": "bool",
+    "open_because": "string",
     "log_path": "string",
     "wall_s": "float64",
     "cpu_s": "float64",
@@ -51,6 +54,7 @@ TRIAL_COLUMNS: Mapping[str, str] = {
     "peak_mb": "float64",
     "given": "string",
     "estimates_path": "string",
+    "output_sha": "string",
     "env_id": "string",
 }
 SCORE_COLUMNS: Mapping[str, str] = {

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -116,6 +116,8 @@ def run_study(
     fresh: bool = False,
     retry: Literal["failed"] | None = None,
     in_process: bool = False,
+    engine: Literal["local", "dask"] = "local",
+    scheduler: str | None = None,
     order: Literal["planned", "reversed"] = "planned",
     display: Display | None = None,
 ) -> Run:
@@ -129,6 +131,8 @@ def run_study(
         fresh: throw away what is in the folder.
         retry: "failed" runs again what failed, though its code is unchanged; without it only timeouts and memory are tried again, under higher limits.
         in_process: no workers, hence no isolation and no limits, for debuggers and notebooks.
+        engine: "dask" carries the jobs out on a Dask cluster: one of `jobs` workers on this machine, or the one at `scheduler`.
+        scheduler: address of a Dask scheduler to join, such as "tcp://host:8786".
         order: in which trials are begun; results do not depend on it.
         display: shows progress; by default on stderr.
 
@@ -146,6 +150,10 @@ def run_study(
         raise InputError(f"jobs is {jobs}; at least 1 is needed")
     if retry not in (None, "failed"):
         raise InputError(f"retry is {retry!r}; 'failed' is what can be tried again")
+    if engine not in ("local", "dask"):
+        raise InputError(f"engine is {engine!r}; 'local' and 'dask' are there")
+    if in_process and (engine == "dask" or scheduler is not None):
+        raise InputError("in_process means this process alone; leave out the engine and the scheduler")
     planned = study.plan()
     if planned.faults:
         raise TableError(planned.faults)
@@ -171,7 +179,9 @@ def run_study(
         observe, failed = study.registry.trial_finished, retry == "failed"
         session = Session(planned, plugins, folder, cache, journal, environment_id(), observe, limits, failed)
         try:
-            _carry_out(session, in_process, jobs, order == "reversed", display)
+            begin = partial(session.begin, order == "reversed")
+            how = None if in_process else _engine("dask" if scheduler is not None else engine, jobs, scheduler)
+            _carry_out(session, begin, how, display)
         finally:
             journal.close()
             run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
@@ -180,8 +190,11 @@ def run_study(
     return open_run(folder)
 
 
-def _carry_out(session: Session, in_process: bool, jobs: int | None, reverse: bool, display: Display | None) -> None:
-    from sonobench.harness.local import execute, execute_here, processors
+Tick = Callable[[Iterable["Job"]], None]
+
+
+def _carry_out(session: Session, begin: Callable[[], None], how: Callable[[Session, Path, Tick], None] | None, display: Display | None) -> None:
+    from sonobench.harness.local import execute_here
     from sonobench.harness.progress import Tally
     from sonobench.harness.progress import display as suitable
 
@@ -190,20 +203,38 @@ def _carry_out(session: Session, in_process: bool, jobs: int | None, reverse: bo
         def tick(running: Iterable[Job]) -> None:
             show(Tally(len(session.plan), len(session.finished), session.failed, len(list(running))))
 
-        session.begin(reverse)
-        if in_process:
+        begin()
+        if how is None:
             execute_here(session, tick)
-        else:
-            execute(session, jobs or processors(), session.limits, _numba_cache(session.plan, session.cache), tick)
+        elif session.ready:
+            how(session, _numba_cache(session.plan, session.cache), tick)
         tick([])
+
+
+def _engine(name: str, jobs: int | None, scheduler: str | None) -> Callable[[Session, Path, Tick], None]:
+    """What carries out a session's jobs in worker processes, given where compiled code is kept."""
+    from sonobench.harness import local
+
+    workers = jobs or local.processors()
+
+    def on_dask(session: Session, numba_cache: Path, tick: Tick) -> None:
+        from sonobench.harness import dask_engine
+
+        with dask_engine.connected(workers, scheduler) as client:
+            dask_engine.execute(session, session.limits, numba_cache, tick, client)
+
+    def here(session: Session, numba_cache: Path, tick: Tick) -> None:
+        local.execute(session, workers, session.limits, numba_cache, tick)
+
+    return on_dask if name == "dask" else here
 
 
 def _numba_cache(planned: Plan, cache: Cache) -> Path:
     """Compiled code is kept by the digest of all sources that it could come from: Numba itself looks at one file only."""
-    from sonobench.harness.code import modules_of, numba_digest
+    from sonobench.harness.code import closure, numba_digest
 
     parts = (*(e.pipeline for e in planned.entries), *(s.scene for s in planned.sources), *(m.metric for m in planned.metrics))
-    return cache.numba(numba_digest({"sonobench"}.union(*map(modules_of, parts))))
+    return cache.numba(numba_digest({"sonobench", *closure(*parts).modules}))
 
 
 def _trial_rows(session: Session) -> Iterator[Row]:

@@ -16,7 +16,7 @@ from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
 if TYPE_CHECKING:
     import pandas as pd
 
-_OURS = ("journal.jsonl", "trials.parquet", "scores.parquet", "env.json", "estimates", "logs", "report")
+_OURS = ("journal.jsonl", "parts.jsonl", "verify.json", "trials.parquet", "scores.parquet", "env.json", "estimates", "logs", "report")
 
 
 @contextmanager

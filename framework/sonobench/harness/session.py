@@ -7,20 +7,19 @@ every trial that needed it. The session decides and writes the journal; an engin
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from sonobench.harness.cache import SCANS_BUDGET, Cache
 from sonobench.harness.cell import Limits, Outcome
-from sonobench.harness.code import closure, code
 from sonobench.harness.journal import Journal
-from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
-from sonobench.harness.plan import PipelineEntry, Plan, PlannedTrial, Source
+from sonobench.harness.parts import Codes, covered, keep_parts, pipeline_part, scene_part, sha_of
+from sonobench.harness.plan import Plan, PlannedTrial, Source
 from sonobench.harness.rows import Row, failed_row, planned_row, stands
 
-_EMPTY_OUTPUT = "empty"
 _OWN_FAILURES = ("error", "invalid", "crash", "timeout", "oom")  # of a trial that ran
 
 
@@ -43,29 +42,6 @@ class Job:
     take: Take
     trials: tuple[PlannedTrial, ...]
     log: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Codes:
-    """Digests of the code behind a plan's parts."""
-
-    front_ends: Mapping[str, str]
-    trackers: Mapping[str, str]
-    scenes: Mapping[int, str]
-    metrics: Mapping[str, str]
-    modules: tuple[str, ...]  # all that were read
-
-    @classmethod
-    def of(cls, plan: Plan) -> Codes:
-        """Read the sources that a plan depends on."""
-        built = {e.name: e.pipeline for e in plan.entries if e.pipeline is not None}
-        return cls(
-            {name: code(p.front_end, "sonobench.pipeline") for name, p in built.items()},
-            {name: code(p.tracker, "sonobench.pipeline") for name, p in built.items()},
-            {id(s): code(s.scene) for s in plan.sources if s.scene is not None},
-            {m.label: code(m.metric, "sonobench.scoring") for m in plan.metrics},
-            tuple(closure(*built.values(), *(s.scene for s in plan.sources), *(m.metric for m in plan.metrics)).modules),
-        )
 
 
 @dataclass(slots=True)
@@ -98,12 +74,25 @@ class Session:
     failed: int = 0
     scored: dict[str, list[tuple[str, str]]] = field(default_factory=dict)  # trial key → (metric label, score key)
     _codes: Codes = field(init=False)
+    _parts: dict[int, str] = field(default_factory=dict)  # names in parts.jsonl by `id` of entries and sources
+    _id: str = field(default_factory=lambda: uuid4().hex)  # what an open step made may serve this session alone
+    _beyond: dict[str, list[str]] = field(default_factory=dict)  # of scenes, by recording key
+    _scored_now: set[str] = field(default_factory=set)
     _waiting: dict[str, list[PlannedTrial]] = field(default_factory=dict)
     _rows: dict[str, Row] = field(default_factory=dict)  # ended trials whose scores are not there yet
     _ran: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._codes = Codes.of(self.plan)
+        self._parts = {id(s): sha_of(scene_part(s, self._codes)) for s in self.plan.sources}
+        self._parts |= {id(e): sha_of(pipeline_part(e, self._codes)) for e in self.plan.entries}
+        keep_parts(self.folder / "parts.jsonl", self.plan, self._codes)
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """All modules whose code the run's keys are made of; a plugin file is "file:" and its name."""
+        groups = (self._codes.front_ends, self._codes.trackers, self._codes.scenes, self._codes.metrics)
+        return tuple(sorted({m for group in groups for found in group.values() for m in found.modules}))  # type: ignore[attr-defined]
 
     def begin(self, reverse: bool = False) -> None:
         """Queue the first jobs; what is already known needs none."""
@@ -119,7 +108,8 @@ class Session:
                 for trial in take.trials:
                     self._finish(trial)
             else:
-                task = self._task("render", take, home=take.source.home, overrides=dict(take.source.overrides), sha=take.source.sha)
+                about = {"home": take.source.home, "overrides": dict(take.source.overrides), "sha": take.source.sha}
+                task = self._task("render", take, **about, known=covered(self._codes.scenes[id(take.source)]))
                 self.ready.append(Job({**task, "seed": take.seed}, take, take.trials, self._log(f"render-{take.key}")))
         if reverse:
             self.ready.reverse()
@@ -150,14 +140,16 @@ class Session:
             if source.scene is None or seed is None:
                 takes.append(Take(source, None, source.sha, Path(source.home), tuple(trials)))
             else:
-                key = recording_key(source.sha, seed, self._codes.scenes[id(source)])
+                key = self._codes.recording_key(source, seed)
                 takes.append(Take(source, seed, key, self.cache.recording(key), tuple(trials)))
         return takes
 
     def _rendered(self, job: Job, outcome: Outcome) -> None:
         if outcome.status == "ok":
             hashes = outcome.value["input_sha"], outcome.value["truth_sha"]
-            if self.journal.recorded.recordings.get(job.take.key) != hashes:
+            if outcome.beyond:
+                self._beyond[job.take.key] = outcome.beyond  # rendered again by the next run
+            elif self.journal.recorded.recordings.get(job.take.key) != hashes:
                 self.journal.add(recording={job.take.key: hashes})
             self._expand(job.take, *hashes)
             return
@@ -171,12 +163,11 @@ class Session:
         for trial in take.trials:
             row = self._planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
             if trial.entry.pipeline is None:
-                outcome = Outcome("unavailable", exc_type="UnavailableError", exc_message=trial.entry.reason)
-                self._end(failed_row(row, outcome))
+                self._unavailable(row, trial.entry.reason)
                 jobs += self._score_jobs(take, trial)
                 continue
-            key = self._scans_key(trial.entry, input_sha)
-            row["estimate_key"] = self._estimate_key(trial, input_sha)
+            key = self._codes.scans_key(trial.entry, input_sha)
+            row["estimate_key"] = self._codes.estimate_key(trial.entry, input_sha, trial.run)
             if (reused := self._kept(row)) is not None:
                 self._rows[trial.trial_key] = reused
                 jobs += self._score_jobs(take, trial)
@@ -184,13 +175,22 @@ class Session:
             self._rows[trial.trial_key] = row
             if key in self._waiting:
                 self._waiting[key].append(trial)
-            elif self.cache.scans(key)[1].exists():
+            elif self.cache.has_scans(key, self._id):
                 jobs.append(self._track_job(take, trial))
             else:
                 self._waiting[key] = [trial]
-                task = self._task("scans", take, trial, scans_key=key)
+                task = self._task("scans", take, trial, scans_key=key, known=covered(self._codes.front_ends[trial.entry.name]))
                 jobs.append(Job(task, take, (trial,), self._log(f"scans-{key}")))
         self.ready.extendleft(reversed(jobs))
+
+    def _unavailable(self, row: Row, reason: str) -> None:
+        """A trial whose pipeline cannot be built here; the journal says so once."""
+        found = failed_row(row, Outcome("unavailable", exc_type="UnavailableError", exc_message=reason))
+        stored = self.journal.recorded.trials.get(row["trial_key"], {})
+        if any(stored.get(k) != found[k] for k in ("status", "exc_message", "input_sha", "truth_sha")):
+            self._end(found)
+        else:
+            self._rows[row["trial_key"]] = self._under_this_name(stored, row)
 
     def _scanned(self, job: Job, outcome: Outcome) -> None:
         waiting = self._waiting.pop(job.task["scans_key"])
@@ -199,20 +199,28 @@ class Session:
             if outcome.status == "ok":
                 jobs.append(self._track_job(job.take, trial))
             else:
-                self._end(failed_row(self._rows[trial.trial_key], outcome, "front end: ", self._log_of(job)))
+                row = self._opened(self._rows[trial.trial_key], job.take, outcome.beyond)
+                self._end(failed_row(row, outcome, "front end: ", self._log_of(job)))
                 jobs += self._score_jobs(job.take, trial)
         self.ready.extendleft(reversed(jobs))
 
     def _tracked(self, job: Job, outcome: Outcome) -> None:
         (trial,) = job.trials
-        row, log = self._rows[trial.trial_key], self._log_of(job)
+        value = dict(outcome.value or {})
+        row = self._opened(self._rows[trial.trial_key], job.take, [*outcome.beyond, *value.pop("beyond", ())])
+        log = self._log_of(job)
         if outcome.status == "ok":
-            times = {"wall_s": outcome.wall_s, "peak_mb": outcome.peak_mb, **outcome.value}
+            times = {"wall_s": outcome.wall_s, "peak_mb": outcome.peak_mb, **value}
             row = row | times | {"status": "ok", "log_path": log, "estimates_path": f"estimates/{Path(job.task['output']).name}"}
             self._end(row)
         else:
             self._end(failed_row(row, outcome, log_path=log))
         self.ready.extendleft(reversed(self._score_jobs(job.take, trial)))
+
+    def _opened(self, row: Row, take: Take, beyond: Sequence[str]) -> Row:
+        """A row that says what its trial used beyond its keys; it is never reused."""
+        found = sorted({*beyond, *self._beyond.get(take.key, ())})
+        return row | {"open": bool(found), "open_because": "; ".join(found)}
 
     def _score_done(self, job: Job, outcome: Outcome) -> None:
         (trial,) = job.trials
@@ -222,6 +230,7 @@ class Session:
             about = {"status": outcome.status, "exc_type": outcome.exc_type, **asdict(self.limits)}
             fault = {"error": f"{outcome.status}: {outcome.exc_message}", **about}
             scores = {item["key"]: fault for item in job.task["metrics"]}
+        self._scored_now.update(scores)
         self.journal.add(trial_key=trial.trial_key, scores=scores)
         self._finish(trial)
 
@@ -241,16 +250,16 @@ class Session:
             trial,
             available=trial.entry.pipeline is not None,
             output=str(self.folder / row["estimates_path"]) if row["status"] == "ok" else None,
-            metrics=[{"label": label, "key": key, "table": dict(tables[label])} for label, key in missing],
-            scans_key=self._scans_key(trial.entry, row["input_sha"]) if trial.entry.pipeline is not None else "",
+            metrics=[self._to_score(label, key, tables[label]) for label, key in missing],
+            scans_key=self._codes.scans_key(trial.entry, row["input_sha"]),
         )
         return [Job(task, take, (trial,), self._log(f"score-{trial.trial_key}"))]
 
-    def _score_keys(self, trial: PlannedTrial, row: Mapping[str, Any]) -> list[tuple[str, str]]:
-        from sonobench.components import digest
+    def _to_score(self, label: str, key: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        return {"label": label, "key": key, "table": dict(table), "known": covered(self._codes.metrics[label])}
 
-        output = row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(trial.entry.table)}"
-        return [(m.label, score_key(output, row["truth_sha"], m.table, self._codes.metrics[m.label])) for m in self.plan.metrics]
+    def _score_keys(self, trial: PlannedTrial, row: Mapping[str, Any]) -> list[tuple[str, str]]:
+        return [(m.label, self._codes.score_key(m, trial.entry, row)) for m in self.plan.metrics]
 
     def _track_job(self, take: Take, trial: PlannedTrial) -> Job:
         row = self._rows[trial.trial_key]
@@ -262,35 +271,41 @@ class Session:
             run=trial.run,
             input_sha=row["input_sha"],
             estimate_key=row["estimate_key"],
-            scans_key=self._scans_key(trial.entry, row["input_sha"]),
-            known=self._codes.modules,
+            scans_key=self._codes.scans_key(trial.entry, row["input_sha"]),
+            known=covered(self._codes.trackers[trial.entry.name]),
             output=str(self.folder / "estimates" / f"{row['estimate_key']}.{suffix}"),
         )
         return Job(task, take, (trial,), self._log(trial.trial_key))
 
     def _task(self, step: str, take: Take, trial: PlannedTrial | None = None, **more: Any) -> dict[str, Any]:
-        common = {
+        common: dict[str, Any] = {
             "step": step,
             "plugins": dict(self.plugins),
             "recording": str(take.path),
             "cache": str(self.cache.root),
             "scans_budget": SCANS_BUDGET,
+            "session": self._id,
+            "folder": str(self.folder),
         }
-        return common | ({"pipeline": trial.entry.table} if trial is not None else {}) | more
-
-    def _scans_key(self, entry: PipelineEntry, input_sha: str) -> str:
-        given = () if entry.pipeline is None else entry.pipeline.given
-        return scans_key(input_sha, entry.table["front_end"], given, self._codes.front_ends[entry.name])
-
-    def _estimate_key(self, trial: PlannedTrial, input_sha: str) -> str:
-        name, table = trial.entry.name, trial.entry.table
-        return estimate_key(self._scans_key(trial.entry, input_sha), table.get("tracker"), self._codes.trackers[name], trial.run)
+        if trial is not None:
+            common["pipeline"] = trial.entry.table
+            if trial.entry.pipeline is not None:
+                common["known_front_end"] = covered(self._codes.front_ends[trial.entry.name])
+        return common | more
 
     def _planned(self, trial: PlannedTrial, take: Take) -> Row:
         attempts = self.journal.recorded.trials.get(trial.trial_key, {}).get("attempts", 0)
         given = () if trial.entry.pipeline is None else trial.entry.pipeline.given
-        code_sha = self._codes.trackers.get(trial.entry.name, "")
-        about = {"recording_key": take.key, "code_sha": code_sha, "attempts": attempts + 1, "given": ",".join(given), "env_id": self.env_id}
+        code = self._codes.trackers.get(trial.entry.name)
+        parts = {"scene_sha": self._parts[id(trial.source)], "pipeline_sha": self._parts[id(trial.entry)]}
+        about = {
+            **parts,
+            "recording_key": take.key,
+            "code_sha": code.digest if code else "",
+            "attempts": attempts + 1,
+            "given": ",".join(given),
+            "env_id": self.env_id,
+        }
         return planned_row(trial, self.plan.columns) | about | asdict(self.limits)
 
     def _kept(self, row: Row) -> Row | None:
@@ -320,6 +335,8 @@ class Session:
     def _is_scored(self, key: str) -> bool:
         """Whether a score is there, or the same code of the metric failed on the same output and trying again would tell nothing new."""
         stored = self.journal.recorded.scores.get(key, {})
+        if stored.get("beyond") and key not in self._scored_now:  # the metric used more than its key covers
+            return False
         if "rows" in stored:
             return True
         own = "error" in stored and stored.get("status") != "error"  # a step that raised met a damaged file, not a metric's fault
@@ -333,7 +350,20 @@ class Session:
         return self._under_this_name(stored, row)
 
     def _under_this_name(self, stored: Row, row: Row) -> Row:
-        about = ("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run", "recording_key", "truth_sha")
+        about = (
+            "trial_key",
+            "study",
+            "pipeline",
+            "distribution",
+            "version",
+            "scene",
+            "repetition",
+            "run",
+            "recording_key",
+            "truth_sha",
+            "scene_sha",
+            "pipeline_sha",
+        )
         return stored | {k: row[k] for k in (*about, *self.plan.columns)}
 
     def _complete(self, take: Take, hashes: tuple[str, str]) -> bool:
@@ -341,7 +371,7 @@ class Session:
         for trial in take.trials:
             row = self._planned(trial, take) | {"input_sha": hashes[0], "truth_sha": hashes[1], "status": "unavailable"}
             if trial.entry.pipeline is not None:
-                reused = self._kept(row | {"estimate_key": self._estimate_key(trial, hashes[0])})
+                reused = self._kept(row | {"estimate_key": self._codes.estimate_key(trial.entry, hashes[0], trial.run)})
                 if reused is None:
                     return False
                 row = reused

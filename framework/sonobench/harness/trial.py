@@ -7,6 +7,7 @@ are in place, and Numba's compilation is subtracted.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
@@ -23,7 +24,7 @@ from sonobench.components import canonical_json
 from sonobench.errors import InputError, LogError, SetupError
 from sonobench.files import replace_file
 from sonobench.harness.cache import Cache
-from sonobench.harness.code import has_version
+from sonobench.uses import beyond, follow, watching
 
 if TYPE_CHECKING:
     from sonobench.log import Recording
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 Task = Mapping[str, Any]
 _WARM_BLOCKS, _WARM_SCANS = 2, 3
 _WARMED: set[str] = set()  # what has run once in this process
-_BEFORE: set[str] = set()  # modules that are there before any component is built
 
 
 def perform(task: Task) -> dict[str, Any]:
@@ -42,11 +42,16 @@ def perform(task: Task) -> dict[str, Any]:
     _reset_peak()
     step = {"render": render, "scans": scans, "track": track, "score": score}[task["step"]]
     try:
-        result = {"status": "ok", "value": step(task)}
+        with watching():
+            follow(task.get("known", {}).get("names", ()))
+            result = {"status": "ok", "value": step(task)}
     except BaseException as error:  # a component may raise anything, SystemExit and KeyboardInterrupt too
         traceback.print_exc()
         result = {"status": status_of(error), "exc_type": type(error).__name__, "exc_message": str(error)}
-    return {**result, "peak_mb": _peak_mb()}
+    found = _beyond(task, "known")
+    if found:
+        print(f"open: used beyond what keys cover: {'; '.join(found)}; this result is never reused", file=sys.stderr)
+    return {**result, "beyond": found, "peak_mb": _peak_mb()}
 
 
 def status_of(error: BaseException) -> str:
@@ -72,13 +77,19 @@ def render(task: Task) -> dict[str, Any]:
     from sonobench.scene.scene import Scene
 
     path = Path(task["recording"])
-    if path.exists():
+    notes = path.with_suffix(".json")  # only beside what an open scene made
+    if path.exists() and (not notes.exists() or Cache.notes(notes, task["session"])):
         with suppress(LogError):  # damaged: render it again
             return _hashes(path)
     scene = Scene.load(task["home"], _registry(task), task["overrides"])
     if scene.digest() != task["sha"]:
         raise InputError(f"scene {task['home']} changed while the study ran; run it again")
-    write_recording(path, scene.simulate(task["seed"]))
+    rendering = scene.simulate(task["seed"])
+    if found := _beyond(task, "known"):
+        replace_file(notes, json.dumps({"beyond": found, "session": task["session"]}).encode())
+    else:
+        notes.unlink(missing_ok=True)
+    write_recording(path, rendering)
     return _hashes(path)
 
 
@@ -112,7 +123,8 @@ def track(task: Task) -> dict[str, Any]:
         "tracker_s": timer.seconds,
         "cpu_s": timer.cpu_s,
         "frames": len(made.scans),
-        "open": bool(_beyond(task["known"])),
+        "beyond": made.beyond,
+        "output_sha": hashlib.sha256(out.read_bytes()).hexdigest(),
         "real_time_factor": (made.front_end_s + timer.seconds) / duration_s if duration_s > 0 else float("nan"),
     }
 
@@ -128,7 +140,9 @@ def score(task: Task) -> dict[str, Any]:
         try:
             metric = build("metric", item["table"], registry, item["label"])
             output, space = _output(task, getattr(metric, "reads", "estimates"))
-            done[item["key"]] = {"rows": [row._asdict() for row in evaluate(metric, truth, output, space, item["label"])]}
+            rows = [row._asdict() for row in evaluate(metric, truth, output, space, item["label"])]
+            found = _beyond({**task, **item}, "known")
+            done[item["key"]] = {"rows": rows, "beyond": found} if found else {"rows": rows}
         except Exception as error:  # one metric's fault must not cost the others
             traceback.print_exc()
             done[item["key"]] = {"error": f"{type(error).__name__}: {error}"}
@@ -147,6 +161,7 @@ class Made:
     setup: Setup
     scans: Sequence[Scan]
     front_end_s: float
+    beyond: Sequence[str]
 
 
 @dataclass(slots=True)
@@ -189,26 +204,31 @@ def _make_scans(task: Task, pipeline: Pipeline, recording: Recording) -> Made:
     timer = Timer()
     with timed(timer):
         setup, made = scans_of(pipeline.front_end, recording, pipeline.given)
+    found = _beyond(task, "known_front_end")
     cache = Cache(Path(task["cache"]))
     path, notes = cache.scans(task["scans_key"])
     with suppress(ValueError):  # a plugin's own field cannot be stored: its scans are made for each tracker
         write_scans(path, setup, made)
-        replace_file(notes, json.dumps({"front_end_s": timer.seconds}).encode())
+        about = {"front_end_s": timer.seconds, "beyond": found, "session": task["session"]}
+        replace_file(notes, json.dumps(about if found else {"front_end_s": timer.seconds}).encode())
         cache.trim_scans(task["scans_budget"])
-    return Made(setup, made, timer.seconds)
+    return Made(setup, made, timer.seconds, found)
 
 
 def _stored_scans(task: Task) -> Made | None:
     from sonobench.log import read_scans
 
     path, notes = Cache(Path(task["cache"])).scans(task["scans_key"])
+    about = Cache.notes(notes, task["session"])
+    if about is None:
+        return None
     try:
-        cost = json.loads(notes.read_text())["front_end_s"]
+        cost = about["front_end_s"]
         setup, stored = read_scans(path)
         os.utime(path)  # used last, thrown away last
     except (OSError, ValueError, KeyError, LogError):  # another run's trimming, or a file that is damaged: make them again
         return None
-    return Made(setup, stored, cost)
+    return Made(setup, stored, cost, about.get("beyond", ()))
 
 
 def _first_scans(pipeline: Pipeline, recording: Recording) -> None:
@@ -256,9 +276,7 @@ def _registry(task: Task) -> Registry:
 def _loaded(plugins: tuple[tuple[str, str], ...]) -> Registry:
     from sonobench.registry import Registry
 
-    registry = Registry.load([path for path, _ in plugins])
-    _BEFORE.update(sys.modules)
-    return registry
+    return Registry.load([path for path, _ in plugins])
 
 
 def _pipeline(task: Task) -> Pipeline:
@@ -284,13 +302,12 @@ def _recording(path: str) -> Recording:
     return _opened(path, os.stat(path).st_mtime_ns)
 
 
-def _beyond(known: Sequence[str]) -> list[str]:
-    """Modules that components imported while they were built or ran, though no import statement leads to them; named in the log."""
-    new = set(sys.modules) - _BEFORE - set(known)
-    found = sorted(m for m in new if m.partition(".")[0] != "sonobench" and not has_version(m))
-    if found:
-        print(f"open: code beyond what import statements say: {', '.join(found)}; this trial's result is never reused", file=sys.stderr)
-    return found
+def _beyond(task: Task, known: str) -> list[str]:
+    """What the components that `known` tells of used beyond their closure."""
+    if known not in task:
+        return []
+    allowed = (task["cache"], task["recording"], task["folder"], *filter(None, [os.environ.get("NUMBA_CACHE_DIR")]))
+    return beyond(task[known]["names"], task[known]["sources"], allowed)
 
 
 def _reset_peak() -> None:

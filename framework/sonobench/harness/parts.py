@@ -1,0 +1,116 @@
+"""What a plan's trials are made of: the code behind each part, and a record of it all that `why` compares with later.
+
+parts.jsonl in a run's folder holds each part once: {"sha": …, "kind": "scene" | "pipeline" | "metric" | "code", …}. A row
+names its scene's and its pipeline's part; these name the code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sonobench.components import digest
+from sonobench.files import replace_file
+from sonobench.harness.code import Closure, closure
+from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
+from sonobench.harness.plan import MetricEntry, PipelineEntry, Plan, Source
+
+Part = dict[str, Any]
+_EMPTY_OUTPUT = "empty"
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """The code behind a plan's parts, by name (scenes by `id` of their Source)."""
+
+    front_ends: Mapping[str, Closure]
+    trackers: Mapping[str, Closure]
+    scenes: Mapping[int, Closure]
+    metrics: Mapping[str, Closure]
+
+    @classmethod
+    def of(cls, plan: Plan) -> Codes:
+        """Read the sources that a plan depends on."""
+        built = {e.name: e.pipeline for e in plan.entries if e.pipeline is not None}
+        return cls(
+            {name: closure(p.front_end, "sonobench.pipeline") for name, p in built.items()},
+            {name: closure(p.tracker, "sonobench.pipeline") for name, p in built.items()},
+            {id(s): closure(s.scene) for s in plan.sources if s.scene is not None},
+            {m.label: closure(m.metric, "sonobench.scoring") for m in plan.metrics},
+        )
+
+    def recording_key(self, source: Source, seed: int) -> str:
+        """Of a scene's rendering."""
+        return recording_key(source.sha, seed, self.scenes[id(source)].digest)
+
+    def scans_key(self, entry: PipelineEntry, input_sha: str) -> str:
+        """Of an entry's front end on a recording; "" where the entry is unavailable."""
+        if entry.pipeline is None:
+            return ""
+        return scans_key(input_sha, entry.table["front_end"], entry.pipeline.given, self.front_ends[entry.name].digest)
+
+    def estimate_key(self, entry: PipelineEntry, input_sha: str, run: int) -> str:
+        """Of a trial's output."""
+        return estimate_key(self.scans_key(entry, input_sha), entry.table.get("tracker"), self.trackers[entry.name].digest, run)
+
+    def score_key(self, metric: MetricEntry, entry: PipelineEntry, row: Mapping[str, Any]) -> str:
+        """Of a metric's rows for a trial's row; a failed trial counts as empty output."""
+        output = row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(entry.table)}"
+        return score_key(output, row["truth_sha"], metric.table, self.metrics[metric.label].digest)
+
+
+def covered(found: Closure) -> dict[str, Any]:
+    """What a worker needs to tell what a component used beyond its closure."""
+    return {"names": found.names, "sources": dict(found.sources)}
+
+
+def scene_part(source: Source, codes: Codes) -> Part:
+    """A scene's table and code, or what a recorded file holds."""
+    if source.scene is None:
+        return {"kind": "scene", "input_sha": source.sha, "truth_sha": source.truth_sha}
+    return {"kind": "scene", "table": source.scene.table, "content": source.sha, "code": codes.scenes[id(source)].digest}
+
+
+def pipeline_part(entry: PipelineEntry, codes: Codes) -> Part:
+    """An entry's full table and code."""
+    if entry.pipeline is None:
+        return {"kind": "pipeline", "table": entry.table}
+    about = {"front_end": codes.front_ends[entry.name].digest, "tracker": codes.trackers[entry.name].digest}
+    return {"kind": "pipeline", "table": entry.table, "given": list(entry.pipeline.given), **about}
+
+
+def sha_of(part: Part) -> str:
+    """Name of a part in parts.jsonl and in rows."""
+    return digest(part)[:16]
+
+
+def parts_of(plan: Plan, codes: Codes) -> Iterator[tuple[str, Part]]:
+    """Every part of a plan under its name."""
+    for source in plan.sources:
+        yield sha_of(part := scene_part(source, codes)), part
+    for entry in plan.entries:
+        yield sha_of(part := pipeline_part(entry, codes)), part
+    for group in (codes.scenes, codes.front_ends, codes.trackers, codes.metrics):
+        for found in group.values():  # type: ignore[attr-defined]
+            yield found.digest, {"kind": "code", **found.to_table()}
+
+
+def keep_parts(path: Path, plan: Plan, codes: Codes) -> None:
+    """Add a plan's parts to a run's parts.jsonl; what is there already is kept."""
+    before = read_parts(path)
+    merged = {**before, **dict(parts_of(plan, codes))}
+    if len(merged) > len(before):
+        lines = (json.dumps({"sha": sha, **part}, sort_keys=True, separators=(",", ":"), default=list) for sha, part in merged.items())
+        replace_file(path, "".join(f"{line}\n" for line in lines).encode())
+
+
+def read_parts(path: Path) -> dict[str, Part]:
+    """The parts that a run's folder knows, by name; none where the file is missing or damaged."""
+    try:
+        lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+        return {line.pop("sha"): line for line in lines}
+    except (OSError, ValueError, KeyError):
+        return {}
