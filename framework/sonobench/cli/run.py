@@ -27,7 +27,9 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
 @click.option("--fresh", is_flag=True, help="Repeat what is already there.")
 @click.option("--retry", type=click.Choice(["failed"]), help="Run failed trials again, though their code is unchanged.")
 @click.option("--in-process", is_flag=True, help="No worker processes: for debuggers; no isolation and no limits.")
-@click.option("--engine", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="dask: a cluster of --jobs workers.")
+@click.option(
+    "--engine", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="dask: a cluster of --jobs workers."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Join this Dask scheduler (tcp://host:8786); implies --engine dask.")
 @click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
 @plugin_option
@@ -53,33 +55,40 @@ def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, **op
 def _print_boards(finished: Any, as_json: bool) -> None:
     from sonobench.board import render
 
-    metrics = finished.metrics
+    scored = [m for m in finished.metrics if (finished.scores["metric"] == m).any()]
     if as_json:
         import json
 
-        boards = {m: json.loads(render(finished.board(m), "json")) for m in metrics}
-        emit({"run": str(finished.path), "failed": finished.failed, "boards": boards}, "", True)
+        boards = {m: json.loads(render(finished.board(m), "json")) for m in scored}
+        emit({"run": str(finished.path), "failed": finished.failed, "boards": boards, "failures": _failures(finished)}, "", True)
         return
     click.echo(
-        render(finished.board(metrics[0], also=metrics[1:]), "text") if metrics else f"{len(finished.trials)} trials, no metric asked for"
+        render(finished.board(scored[0], also=scored[1:]), "text")
+        if scored
+        else f"no board: none of {len(finished.trials)} trials has a score."
     )
-    click.echo(f"\nrun folder: {finished.path}   (sonobench board {finished.path} --metric {{{','.join(metrics)}}})")
-    if finished.failed:
-        click.echo(columns(_failures(finished), ["pipeline", "scene", "repetition", "status", "message"]), err=True)
+    more = f"   (sonobench board {finished.path} --metric NAME, with NAME one of {', '.join(scored)})" if scored else ""
+    click.echo(f"\nrun folder: {finished.path}{more}")
+    failures = _failures(finished)
+    if failures:
+        click.echo(columns(failures, ["pipeline", "status", "trials", "such as", "message"]), err=True)
+        click.echo(f"what they printed: {finished.path / 'logs'}", err=True)
 
 
 def _failures(finished: Any) -> list[dict[str, Any]]:
-    bad = finished.trials[finished.trials["status"] != "ok"]
-    return [
-        {
+    """One row for each way in which a pipeline's trials failed, with how many and the first of them."""
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for row in finished.trials[finished.trials["status"] != "ok"].itertuples():
+        message = " ".join(str(row.exc_message or "").split())[:200]
+        first = {
             "pipeline": row.pipeline,
-            "scene": row.scene,
-            "repetition": row.repetition,
             "status": row.status,
-            "message": " ".join(str(row.exc_message or "").split())[:120],
+            "trials": 0,
+            "such as": f"{row.scene} rep {row.repetition}",
+            "message": message,
         }
-        for row in bad.itertuples()
-    ]
+        found.setdefault((row.pipeline, row.status, message), first)["trials"] += 1
+    return list(found.values())
 
 
 @click.command()
