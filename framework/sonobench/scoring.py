@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -149,11 +150,14 @@ def score(metric: Metric, truth: Truth, output: Sequence[Any], space: Space | No
         name: what the rows are called; by default the metric's class name ("PositionError" is position-error).
 
     Raises:
-        InputError: a column's values do not fit its weights or its pool.
+        InputError: not columns of Series, or a column's values do not fit its weights or its pool.
     """
     title = name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", type(metric).__name__).lower()
     rows = []
-    for column, series in metric.evaluate(truth, output, space).items():
+    columns = metric.evaluate(truth, output, space)
+    if not isinstance(columns, Mapping) or not all(isinstance(s, Series) for s in columns.values()):
+        raise InputError(f"metric {title}: evaluate must return {{column: Series}}, got {reprlib.repr(columns)}")
+    for column, series in columns.items():
         called = f"{title}.{column}" if column else title
         rows += _rows(called, _checked(called, series, truth), truth)
     return rows

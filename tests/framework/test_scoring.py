@@ -187,3 +187,9 @@ def test_rows_are_named_by_metric_and_column():
 def test_a_malformed_series_is_refused(series, message):
     with pytest.raises(InputError, match=message):
         one(series)
+
+
+@pytest.mark.parametrize("columns", [{"": [1.0, 2.0]}, [1.0], None])
+def test_what_is_no_column_of_series_is_refused_by_name(columns):
+    with pytest.raises(InputError, match="metric mine: evaluate must return"):
+        score(Fixed(columns), truth(np.zeros((3, 1, 2))), [], None, name="mine")

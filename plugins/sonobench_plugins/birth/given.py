@@ -5,6 +5,7 @@ Source: Vo & Ma 2006, eq. 15.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,10 @@ class Given:
         """
         who = "birth given"
         if self.name not in setup.given:
-            raise SetupError(f"{who} reads given {self.name!r}; the pipeline's setup offers {sorted(setup.given) or 'nothing'}")
+            has = f"asked for {sorted(setup.given)}" if setup.given else "asked for nothing"
+            raise SetupError(
+                f"{who} reads given {self.name!r}; the pipeline {has}: write given = [{json.dumps(self.name)}] beside its front_end and tracker"
+            )
         rows = setup.given[self.name]
         columns = position_columns(space, who)
         if rows.ndim != 2 or rows.shape[1] not in (len(space), len(columns), 3):

@@ -184,3 +184,15 @@ def test_a_plugin_that_fails_at_import_shows_its_own_lines_only(folder: Path) ->
     assert "line 2" in done.stderr
     assert "registry.py" not in done.stderr
     assert "importlib" not in done.stderr
+
+
+def test_a_run_without_any_score_says_why_in_one_line_for_each_cause(folder: Path) -> None:
+    (folder / "noise.flac").write_bytes(b"no sound at all")
+    (folder / "scene.toml").write_text(SCENE.replace('"ru-female-1"', '"noise.flac"'))
+    (folder / "study.toml").write_text("repetitions = 2\n" + STUDY)
+    done = sonobench(folder, "run", "study.toml", "--jobs", "1")
+    assert done.returncode == 3, done.stderr
+    assert "no board" in done.stdout
+    assert done.stderr.count("noise.flac: cannot be read as sound") == 1
+    (line,) = (text for text in done.stderr.splitlines() if text.startswith("ck-phd"))
+    assert line.split()[:3] == ["ck-phd", "error", "2"]

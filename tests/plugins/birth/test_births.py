@@ -80,7 +80,7 @@ def test_given_takes_states_or_positions():
 
 
 def test_given_refuses_what_the_pipeline_did_not_ask_for_and_odd_shapes():
-    with pytest.raises(SetupError, match="given 'births'; the pipeline's setup offers nothing"):
+    with pytest.raises(SetupError, match="given 'births'; the pipeline asked for nothing: write given"):
         started(Given(), scenes.setup())
     with pytest.raises(SetupError, match=r"shape \(1, 5\)"):
         started(Given(), scenes.setup(given={"births": np.zeros((1, 5))}))
