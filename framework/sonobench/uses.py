@@ -37,6 +37,7 @@ _WORDS: Mapping[str, Callable[[tuple[Any, ...]], str]] = {
 }
 _SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share")
 _import, _import_module = builtins.__import__, importlib.import_module
+_LOADER = "<frozen importlib"
 _state = {"depth": 0, "hooked": 0, "modules": 0}
 
 
@@ -113,8 +114,8 @@ def _noted_import(
     level: int = 0,
 ) -> ModuleType:
     module = _import(name, globals, locals, fromlist or (), level)
-    reader = _reader(sys._getframe(1)) if _state["depth"] else None
-    if reader is not None:
+    reader = (globals or {}).get("__name__") if _state["depth"] else None
+    if isinstance(reader, str) and _is_of_interest(reader, globals.get("__file__")):  # type: ignore[union-attr]
         base = module.__name__ if fromlist else name
         found = _IMPORTED.setdefault(reader, set())
         if not level or fromlist:
@@ -151,7 +152,13 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
 
 
 def _note_open(path: str, mode: str | None, flags: int) -> None:
-    reader = _reader(sys._getframe(2))
+    frame: FrameType | None = sys._getframe(2)
+    if frame is not None and frame.f_code.co_filename.startswith(_LOADER):
+        while frame is not None and frame.f_code.co_filename.startswith(_LOADER):
+            frame = frame.f_back
+        if frame is None or str(frame.f_globals.get("__name__")).partition(".")[0] == "sonobench":  # noted as an import, or a façade's own rooms
+            return
+    reader = _reader(frame)
     if reader is None:
         return
     access = flags & os.O_ACCMODE

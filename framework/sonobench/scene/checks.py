@@ -161,7 +161,7 @@ def _clips(scene: Scene) -> Iterator[str]:
     users: dict[str, list[str]] = {}
     for name, source in scene.sources.items():
         if not list(_files(source)):
-            for file in getattr(source.sound, "files", ()):
+            for file in getattr(source.sound, "files", ())[:1]:
                 users.setdefault(str(file.resolve()), []).append(name)
     for file, names in users.items():
         if len(names) > 1:

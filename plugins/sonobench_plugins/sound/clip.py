@@ -44,12 +44,13 @@ class Clip:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The file that it reads.
+        """The file of the sound, and the one beside a packaged clip that says where it comes from.
 
         Raises:
             InputError: there is none; the message lists the packaged clips.
         """
-        return (_find(self.clip),)
+        file = _find(self.clip)
+        return (file,) if self.clip.endswith(_SUFFIXES) else (file, file.with_suffix(".txt"))
 
     def render(self, rng: np.random.Generator, duration_s: float, rate_hz: float) -> SoundSignal:
         """A mono signal of that length and rate.
@@ -57,7 +58,7 @@ class Clip:
         Raises:
             InputError: the file is missing, unreadable, or silent.
         """
-        (file,) = self.files
+        file = self.files[0]
         samples, own_hz = _read(file)
         turn = _faded(resampled(self.rms * samples, own_hz, rate_hz), rate_hz)
         turn = np.concatenate([turn, np.zeros(round(self.pause_s * rate_hz))])
