@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sonobench.scene.study import Study
 
 RUNS = "runs"  # where runs lie unless --out says otherwise
+_SOON = 10_000  # trials whose tables are written within a fraction of a second
 
 
 @dataclass(frozen=True)
@@ -178,13 +179,18 @@ def run_study(
         limits = Limits() if in_process else Limits(timeout_s, memory_mb)
         observe, failed = study.registry.trial_finished, retry == "failed"
         session = Session(planned, plugins, folder, cache, journal, environment_id(), observe, limits, failed)
+        complete = True
         try:
             begin = partial(session.begin, order == "reversed")
             how = None if in_process else _engine("dask" if scheduler is not None else engine, jobs, scheduler)
             _carry_out(session, begin, how, display)
+        except KeyboardInterrupt:
+            complete = len(planned) <= _SOON  # what is done is in the journal; whoever interrupts wants to have the terminal back
+            raise
         finally:
             journal.close()
-            run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
+            if complete:
+                run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
     for fault, count in sorted(session.metric_faults().items()):
         print(f"{fault} ({count} trials; see {folder / 'logs'}/score-*.log)", file=sys.stderr)
     return open_run(folder)
@@ -193,7 +199,9 @@ def run_study(
 Tick = Callable[[Iterable["Job"]], None]
 
 
-def _carry_out(session: Session, begin: Callable[[], None], how: Callable[[Session, Path, Tick], None] | None, display: Display | None) -> None:
+def _carry_out(
+    session: Session, begin: Callable[[], None], how: Callable[[Session, Path, Tick], None] | None, display: Display | None
+) -> None:
     from sonobench.harness.local import execute_here
     from sonobench.harness.progress import Tally
     from sonobench.harness.progress import display as suitable
@@ -201,6 +209,7 @@ def _carry_out(session: Session, begin: Callable[[], None], how: Callable[[Sessi
     with display or suitable() as show:
 
         def tick(running: Iterable[Job]) -> None:
+            run_folder.load()  # while workers start, so that an interrupt need not wait for it
             show(Tally(len(session.plan), len(session.finished), session.failed, len(list(running))))
 
         begin()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -75,6 +77,24 @@ def prepare(folder: Path, study: Mapping[str, Any], environment: Mapping[str, An
         path.unlink(missing_ok=True)
     replace_file(folder / "study.json", _json({"schema": SCHEMA, **study}))
     replace_file(folder / "env.json", _json(environment))
+
+
+def load() -> None:
+    """Import what writing tables needs; an interrupt waits until that is whole."""
+    if "pandas" in sys.modules and "pyarrow.parquet" in sys.modules:
+        return
+    with _uninterrupted():
+        import pandas  # noqa: F401
+        import pyarrow.parquet  # noqa: F401
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def write_tables(folder: Path, trials: Iterable[Row], scores: Iterable[Row], swept: Sequence[str]) -> None:
