@@ -8,6 +8,7 @@ from sonobench.cli.board import board, report
 from sonobench.cli.data import data
 from sonobench.cli.plugins import plugins
 from sonobench.cli.run import replay, run
+from sonobench.cli.why import why
 
 
 class _InOrder(click.Group):
@@ -24,5 +25,5 @@ def app() -> None:
     """
 
 
-for _verb in (run, board, report, replay, data, plugins):
+for _verb in (run, board, report, why, replay, data, plugins):
     app.add_command(_verb)

@@ -14,6 +14,7 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
 @click.argument("study")
 @click.option("--also", multiple=True, metavar="PIPELINE", help="Add a pipeline by name; repeatable.")
 @click.option("--only", multiple=True, metavar="PIPELINE", help="Run only this pipeline; repeatable.")
+@click.option("--trial", "trials", multiple=True, metavar="KEY", help="Run only this trial (head of its key); repeatable.")
 @click.option("--repetitions", type=click.IntRange(min=1), help="Renderings a scene.")
 @click.option("--seed", type=click.IntRange(min=0), help="The study's seed.")
 @click.option("--jobs", type=click.IntRange(min=1), envvar="SONOBENCH_JOBS", help="Worker processes; default: the processors.")
@@ -43,7 +44,7 @@ def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, **op
     if dry_run:
         rows = [
             {"pipeline": t.pipeline, "scene": t.scene, "repetition": t.repetition, "run": t.run, "trial_key": t.trial_key}
-            for t in loaded.plan()
+            for t in loaded.plan().only(options["trials"])
         ]
         emit(rows, columns(rows, ["pipeline", "scene", "repetition", "run", "trial_key"]), as_json)
         return 0
@@ -98,12 +99,14 @@ def _failures(finished: Any) -> list[dict[str, Any]]:
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the estimates to this .mcap file.")
 @plugin_option
 @json_option
-def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plugins: tuple[str, ...], as_json: bool) -> None:
+def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plugins: tuple[str, ...], as_json: bool) -> int:
     """Replay a recording (FILE.mcap, or the name of a shipped one) through a pipeline; the same estimates, bit for bit, everywhere."""
     import time
+    import traceback
 
     from sonobench.cli.output import open_named, recording_path
     from sonobench.components import build, identity
+    from sonobench.errors import SonobenchError
     from sonobench.log import estimates_sha, write_estimates
     from sonobench.pipeline import replay as replay_recording
     from sonobench.registry import Registry
@@ -114,7 +117,13 @@ def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plu
     built = build("pipeline", pipeline, registry, "--pipeline")
     opened = open_named(recording, registry)
     begin = time.perf_counter()
-    estimates = replay_recording(built, opened, run_number)
+    try:
+        estimates = replay_recording(built, opened, run_number)
+    except SonobenchError:
+        raise
+    except Exception as error:  # the pipeline's own code may raise anything: a failed trial, as in a run
+        click.echo(f"{traceback.format_exc()}\nerror: pipeline {pipeline} failed on {recording}: {type(error).__name__}: {error}", err=True)
+        return 3
     elapsed_s = time.perf_counter() - begin
     meta = {
         "pipeline": pipeline,
@@ -135,3 +144,4 @@ def replay(recording: str, pipeline: str, run_number: int, out: Path | None, plu
         "out": None if out is None else str(out),
     }
     emit(content, "\n".join(f"{k.ljust(16)} {v}" for k, v in content.items() if v is not None), as_json)
+    return 0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sonobench.components import build, canonical_json, digest, overlay, to_table
-from sonobench.errors import PluginError, SonobenchError, TableError, UnavailableError
+from sonobench.errors import InputError, PluginError, SonobenchError, TableError, UnavailableError
 from sonobench.harness.environment import is_dirty
 from sonobench.harness.keys import seed_of, trial_key
 
@@ -125,6 +125,24 @@ class Plan:
     columns: tuple[str, ...]
     faults: tuple[str, ...] = field(default=())
 
+    def only(self, keys: Sequence[str]) -> Plan:
+        """The trials whose keys begin so, one each, with what they need; all where no key is named.
+
+        Raises:
+            InputError: a head that no trial, or more than one, has.
+        """
+        if not keys:
+            return self
+        kept = [t for t in self.trials if t.trial_key.startswith(tuple(keys))]
+        for key in keys:
+            if (count := sum(t.trial_key.startswith(key) for t in kept)) != 1:
+                raise InputError(
+                    f"--trial {key}: {count} of the {len(self)} planned trials have a key that begins so; `--dry-run` lists them"
+                )
+        entries = tuple(e for e in self.entries if any(t.entry is e for t in kept))
+        sources = tuple(s for s in self.sources if any(t.source is s for t in kept))
+        return replace(self, entries=entries, sources=sources, trials=tuple(kept))
+
     def __len__(self) -> int:
         return len(self.trials)
 
@@ -138,6 +156,7 @@ def plan(study: Study) -> Plan:
     faults: list[str] = []
     entries = tuple(_entries(study, where, faults))
     sources = (*_scenes(study, where, faults), *_files(study, where, faults))
+    faults += [f"{where} {fault}" for fault in _twins(sources)]
     metrics = tuple(_metrics(study, where, faults))
     trials = [
         PlannedTrial(
@@ -229,6 +248,23 @@ def _files(study: Study, where: str, faults: list[str]) -> Iterator[Source]:
             yield Source(path.stem, {}, None, recording.input_sha, str(path), truth_sha=recording.truth_sha)
         except SonobenchError as error:
             faults.append(f"{where} recordings: {error}")
+
+
+def _twins(sources: Sequence[Source]) -> Iterator[str]:
+    """Sources that would be the same trials: a board that counted them twice would claim more than was measured."""
+    first: dict[str, Source] = {}
+    for source in sources:
+        other = first.setdefault(source.sha, source)
+        if other is source:
+            continue
+        if source.scene is None:
+            yield f"recordings: {source.home} and {other.home} hold the same input; name one of them"
+        elif source.home == other.home:
+            yield f"sweep: two swept values give the same scene {source.name}"
+        else:
+            yield f"scenes: {source.home} and {other.home} are the same scene; name one of them"
+    scenes = {s.name for s in sources if s.scene is not None}
+    yield from (f"recordings: {s.home} has the name of a scene of the study" for s in sources if s.scene is None and s.name in scenes)
 
 
 def _metrics(study: Study, where: str, faults: list[str]) -> Iterator[MetricEntry]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sonobench.errors import InputError, TableError
 from sonobench.harness import run_folder
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sonobench.harness.plan import Plan
     from sonobench.harness.progress import Display
     from sonobench.harness.session import Job, Session
+    from sonobench.registry import Registry
     from sonobench.scene.study import Study
 
 RUNS = "runs"  # where runs lie unless --out says otherwise
@@ -44,15 +45,20 @@ class Run:
         """The (first) run's folder."""
         return self.paths[0]
 
-    @cached_property
+    @property
     def trials(self) -> pd.DataFrame:
-        """trials.parquet: one row for every planned trial, whatever became of it."""
-        return self._tables("trials")
+        """trials.parquet: one row for every planned trial, whatever became of it; of several runs each trial once."""
+        return self._tables[0]
 
-    @cached_property
+    @property
     def scores(self) -> pd.DataFrame:
         """scores.parquet: one row for every trial, metric column and slice."""
-        return self._tables("scores")
+        return self._tables[1]
+
+    @cached_property
+    def studies(self) -> list[dict[str, Any]]:
+        """study.json of every run."""
+        return [run_folder.read_study(p) for p in self.paths]
 
     @property
     def failed(self) -> int:
@@ -68,11 +74,35 @@ class Run:
         missing = {m: planned - set(self.scores.loc[head.astype(bool), "trial_key"]) for m, head in heads.items()}
         return {m: keys for m, keys in missing.items() if keys}
 
-    def board(self, metric: str | None = None, by: str | None = None, vs: str | None = None, also: Sequence[str] = ()) -> pd.DataFrame:
-        """The leaderboard of a metric (by default the first); see `sonobench.board.leaderboard`."""
-        from sonobench.board import leaderboard
+    def board(
+        self,
+        metric: str | None = None,
+        by: str | None = None,
+        vs: str | None = None,
+        also: Sequence[str] = (),
+        references: Sequence[str] = (),
+    ) -> pd.DataFrame:
+        """The leaderboard of a metric (by default the first); see `sonobench.board.leaderboard` and, for `references`, `beside`.
 
-        return leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also)
+        References that the study names are always there; further ones are names, `dist:name` or paths of .toml files.
+        """
+        from sonobench.board import beside, leaderboard
+        from sonobench.scene.reference import Reference
+
+        table = leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also)
+        named = [r for study in self.studies for r in study["study"].get("reference", ())]
+        wanted = list(dict.fromkeys([*named, *references]))
+        if not wanted:
+            return table
+        metrics = {label: own for study in self.studies for label, own in study.get("metric_tables", {}).items()}
+        return beside(table, [Reference.load(r, self._registry) for r in wanted], metrics)
+
+    def attribution(self, role: str, metric: str | None = None, by: str | None = None) -> pd.DataFrame:
+        """What swapping a component of a role is worth; see `sonobench.board.attribution`."""
+        from sonobench.board import attribution, same_entries
+
+        entries = same_entries([study.get("entries", {}) for study in self.studies], [str(p) for p in self.paths])
+        return attribution(self.trials, self.scores, self._metric(metric), role, entries, by)
 
     def report(self, trials: Sequence[str] = (), metric: str | None = None, out: str | Path | None = None) -> list[Path]:
         """Write pictures of trials; see `sonobench.report.write_report`."""
@@ -85,13 +115,23 @@ class Run:
             raise InputError(f"{self.path}: the run has no metric")
         return self.metrics[0] if metric is None else metric
 
-    def _tables(self, name: str) -> pd.DataFrame:
-        tables = [run_folder.read_table(p, name) for p in self.paths]
-        if len(tables) == 1:
-            return tables[0]
-        import pandas as pd
+    @cached_property
+    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        trials, scores = ([run_folder.read_table(p, name) for p in self.paths] for name in ("trials", "scores"))
+        if len(self.paths) == 1:
+            return trials[0], scores[0]
+        from sonobench.board import same_entries, together
 
-        return pd.concat(tables, ignore_index=True)
+        names = [str(p) for p in self.paths]
+        same_entries([study.get("entries", {}) for study in self.studies], names)
+        return together(trials, scores, names)
+
+    @cached_property
+    def _registry(self) -> Registry:
+        from sonobench.registry import Registry
+
+        plugins = dict.fromkeys(p for study in self.studies for p in study["study"].get("plugins", ()))
+        return Registry.load([p for p in plugins if Path(p).is_file()])
 
 
 def open_run(*runs: str | Path) -> Run:
@@ -102,7 +142,7 @@ def open_run(*runs: str | Path) -> Run:
     """
     if not runs:
         raise InputError("name a run: a folder, or a name in runs/")
-    paths = tuple(_found(r) for r in runs)
+    paths = tuple(dict.fromkeys(_found(r) for r in runs))
     metrics = [m for p in paths for m in run_folder.read_study(p)["metrics"]]
     return Run(paths, tuple(dict.fromkeys(metrics)))
 
@@ -110,6 +150,7 @@ def open_run(*runs: str | Path) -> Run:
 def run_study(
     study: Study,
     *,
+    trials: Sequence[str] = (),
     out: str | Path | None = None,
     jobs: int | None = None,
     timeout_s: float | None = None,
@@ -126,7 +167,8 @@ def run_study(
 
     Args:
         study: validated.
-        out: the run's folder; by default runs/NAME in the current folder.
+        trials: only these, by the heads of their keys.
+        out: the run's folder; by default runs/NAME in the current folder, with the keys of chosen trials.
         jobs: worker processes; by default the processors.
         timeout_s, memory_mb: what one step of a trial (rendering, front end, tracker, scoring) may take.
         fresh: throw away what is in the folder.
@@ -158,10 +200,13 @@ def run_study(
     planned = study.plan()
     if planned.faults:
         raise TableError(planned.faults)
+    planned = planned.only(trials)
     forget()  # workers import what the sources say now
     cache = Cache.default()
     cache.sweep()
-    folder = Path(RUNS, study.name) if out is None else Path(out)
+    folder = (
+        Path(RUNS, "-".join([study.name, *(t.trial_key[:8] for t in (planned.trials if trials else ()))])) if out is None else Path(out)
+    )
     folder = folder.resolve()
     with run_folder.locked(folder):
         if fresh:

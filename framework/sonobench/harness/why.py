@@ -1,0 +1,220 @@
+"""Why a trial's row is what it is: what made its key, what changed since, how it ended, and how to repeat it alone."""
+
+from __future__ import annotations
+
+import fnmatch
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sonobench.errors import InputError, SonobenchError
+from sonobench.harness import journal, run_folder
+from sonobench.harness.keys import seed_of
+from sonobench.harness.parts import Codes, Part, pipeline_part, read_parts, scene_part
+from sonobench.harness.rows import Row
+
+if TYPE_CHECKING:
+    from sonobench.harness.plan import Plan, PlannedTrial
+    from sonobench.scene.study import Study
+
+_LINES = 60  # of a log that are shown
+_STUDY_KEYS = ("scenes", "recordings", "repetitions", "seed", "metrics", "pipelines", "sweep")
+
+
+def explain(folder: Path, trial: str) -> dict[str, Any]:
+    """All that is known of one trial of a run, as plain data.
+
+    Args:
+        folder: the run's.
+        trial: head of a trial's key, or PIPELINE/SCENE/REPETITION (patterns such as "mine*/lab/0" too).
+
+    Raises:
+        InputError: no run's folder, or not exactly one such trial.
+    """
+    about = run_folder.read_study(folder)["study"]
+    row = find(stored_rows(folder), trial)
+    parts = read_parts(folder / "parts.jsonl")
+    made_of = _made_of(row, parts, about)
+    explained: dict[str, Any] = {"trial": row, "made_of": made_of, "open_because": list(filter(None, row["open_because"].split("; ")))}
+    explained["failure"] = _failure(folder, row)
+    try:
+        study = study_of(folder)
+        explained |= _now(study.plan(), row, made_of, journal.read(folder / "journal.jsonl"))
+        explained["command"] = command(study, row)
+    except SonobenchError as error:
+        explained |= {"changed": [], "verdict": f"the study cannot be loaded any more: {error}", "scores": {}, "command": None}
+    return explained
+
+
+def stored_rows(folder: Path) -> list[Row]:
+    """A run's rows; from the journal where the tables were not written yet."""
+    try:
+        frame = run_folder.read_table(folder, "trials")
+    except InputError:
+        return list(journal.read(folder / "journal.jsonl").trials.values())
+    return [_plain(row) for row in frame.to_dict("records")]
+
+
+def find(rows: Sequence[Row], trial: str) -> Row:
+    """The one row that a head of a key, or PIPELINE/SCENE/REPETITION, names.
+
+    Raises:
+        InputError: none, or more than one.
+    """
+    found = [r for r in rows if trial and str(r["trial_key"]).startswith(trial)]
+    if "/" in trial:
+        found = [r for r in rows if fnmatch.fnmatchcase(f"{r['pipeline']}/{r['scene']}/{r['repetition']}", _literal(trial))]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InputError(f"no trial of this run is {trial!r}; give the head of a trial_key, or PIPELINE/SCENE/REPETITION")
+    shown = ", ".join(f"{r['trial_key'][:8]} ({r['pipeline']}/{r['scene']}/{r['repetition']})" for r in found[:10])
+    raise InputError(f"{len(found)} trials are {trial!r}: {shown}{' …' if len(found) > 10 else ''}")
+
+
+def study_of(folder: Path) -> Study:
+    """The study of a run's folder, from what it wrote down.
+
+    Raises:
+        SonobenchError: it cannot be loaded any more.
+    """
+    from sonobench.scene.study import Study
+
+    about = run_folder.read_study(folder)["study"]
+    return Study.from_table({k: about[k] for k in _STUDY_KEYS}, Path(about["folder"]) / f"{about['name']}.toml", about["plugins"])
+
+
+def command(study: Study, row: Mapping[str, Any]) -> str:
+    """The command line that repeats one trial alone, in this process, in a folder of its own."""
+    from sonobench.scene.study import Study as Loaded
+
+    path = study.folder / f"{study.name}.toml"
+    try:
+        shipped = study.registry.find_data("studies", study.name, ".toml") == path
+    except SonobenchError:
+        shipped = False
+    words = ["sonobench", "run", study.name if shipped else str(path)]
+    as_written = Loaded.load(words[-1])
+    for plugin in study.plugins:
+        words += [] if plugin in as_written.plugins else ["--plugin", str(plugin)]
+    for name in study.pipelines:
+        words += [] if name in as_written.pipelines else ["--also", name]
+    for name in ("repetitions", "seed"):
+        words += [] if getattr(study, name) == getattr(as_written, name) else [f"--{name}", str(getattr(study, name))]
+    return shlex.join([*words, "--trial", row["trial_key"], "--in-process", "--fresh"])
+
+
+def _made_of(row: Row, parts: Mapping[str, Part], about: Mapping[str, Any]) -> dict[str, Any]:
+    scene, pipeline = parts.get(row["scene_sha"], {}), parts.get(row["pipeline_sha"], {})
+    codes = {"scene": scene.get("code"), "front_end": pipeline.get("front_end"), "tracker": pipeline.get("tracker")}
+    return {
+        "scene": {k: v for k, v in scene.items() if k not in ("kind", "code")},
+        "seed": seed_of(about["seed"], row["scene"], row["repetition"]) if "table" in scene else None,
+        "run": row["run"],
+        "recording_key": row["recording_key"],
+        "input_sha": row["input_sha"],
+        "pipeline": pipeline.get("table", {}),
+        "code": {part: parts.get(sha, {}) for part, sha in codes.items() if sha},
+        "estimate_key": row["estimate_key"],
+    }
+
+
+def _now(plan: Plan, row: Row, made_of: Mapping[str, Any], recorded: journal.Recorded) -> dict[str, Any]:
+    """What differs between the stored row and the study as it stands, and what the next run will do about it."""
+    names = ("pipeline", "scene", "repetition", "run")
+    same = [t for t in plan if t.trial_key == row["trial_key"]] or [t for t in plan if all(getattr(t, n) == row[n] for n in names)]
+    if not same:
+        return {"changed": [], "verdict": "it is not planned any more", "scores": {}}
+    trial, codes = same[0], Codes.of(plan)
+    changed = list(_changes(trial, codes, made_of))
+    scores = {m.label: _score(recorded, codes.score_key(m, trial.entry, row)) for m in plan.metrics}
+    return {"changed": changed, "verdict": _verdict(trial, codes, row, changed), "scores": scores}
+
+
+def _changes(trial: PlannedTrial, codes: Codes, made_of: Mapping[str, Any]) -> Iterator[str]:
+    scene, pipeline = scene_part(trial.source, codes), pipeline_part(trial.entry, codes)
+    tables = list(_table_changes("scene", made_of["scene"].get("table", {}), scene.get("table", {})))
+    yield from tables
+    if not tables and made_of["scene"].get("content") != scene.get("content"):
+        yield "scene: the content of a sound's file"
+    if made_of["scene"].get("input_sha") != scene.get("input_sha"):
+        yield f"recording: its content (input_sha {made_of['scene'].get('input_sha')} → {scene.get('input_sha')})"
+    yield from _table_changes("pipeline", made_of["pipeline"], pipeline["table"])
+    groups = {"scene": codes.scenes.get(id(trial.source))}
+    groups |= {"front_end": codes.front_ends.get(trial.entry.name), "tracker": codes.trackers.get(trial.entry.name)}
+    for part, found in groups.items():
+        if found is not None and (stored := made_of["code"].get(part)):
+            yield from _code_changes(f"code of the {part.replace('_', ' ')}", stored, found.to_table())
+
+
+def _code_changes(head: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    if old["python"] != new["python"]:
+        yield f"{head}: Python {old['python']} → {new['python']}"
+    for kind, word in (("modules", "module"), ("distributions", "distribution"), ("files", "file")):
+        before, after = dict(old[kind]), dict(new[kind])
+        for name in sorted(before.keys() | after.keys()):
+            was, now = before.get(name), after.get(name)
+            if was is None or now is None:
+                yield f"{head}: {word} {name} is {'new' if was is None else 'gone'}"
+            elif was != now:
+                yield f"{head}: {word} {name} {f'{was} → {now}' if kind == 'distributions' else 'was edited'}"
+
+
+def _table_changes(path: str, old: Any, new: Any) -> Iterator[str]:
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted(old.keys() | new.keys()):
+            yield from _table_changes(f"{path}.{key}", old.get(key), new.get(key))
+    elif _listed(old) != _listed(new):
+        yield f"{path}: {old!r} → {new!r}"
+
+
+def _verdict(trial: PlannedTrial, codes: Codes, row: Row, changed: Sequence[str]) -> str:
+    if row["status"] == "skipped":
+        return "it has not run; the next run begins it"
+    if trial.trial_key != row["trial_key"]:
+        return f"the study now plans another trial in its place ({trial.trial_key})"
+    if row["open"]:
+        return "it is open: the next run repeats it"
+    if changed:
+        return "the next run repeats what depends on the change"
+    if trial.entry.pipeline is not None and row["input_sha"]:
+        if codes.estimate_key(trial.entry, row["input_sha"], trial.run) != row["estimate_key"]:
+            return "its key has changed: the next run repeats it"
+    if row["status"] in ("timeout", "oom"):
+        return "the next run repeats it if the limit that it met is higher, or with --retry failed"
+    return "the next run keeps it" if row["status"] == "ok" else "the next run keeps it, unless with --retry failed"
+
+
+def _score(recorded: journal.Recorded, key: str) -> str:
+    stored = recorded.scores.get(key)
+    if stored is None:
+        return "not there for this output, truth and metric; the next run computes it"
+    if "error" in stored:
+        return str(stored["error"])
+    return f"open: {'; '.join(stored['beyond'])}" if stored.get("beyond") else "stored"
+
+
+def _failure(folder: Path, row: Row) -> dict[str, Any] | None:
+    """How a trial ended that is not ok: its exception, and the end of its log from the last traceback on."""
+    if row["status"] == "ok":
+        return None
+    text = ""
+    if row["log_path"] and (path := folder / row["log_path"]).is_file():
+        text = path.read_text("utf-8", "replace")
+    lines = text[max(text.rfind("Traceback (most recent call last)"), 0) :].splitlines()
+    return {"exc_type": row["exc_type"], "exc_message": row["exc_message"], "log": row["log_path"], "traceback": lines[-_LINES:]}
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(v) for v in value] if isinstance(value, (list, tuple)) else value
+
+
+def _literal(pattern: str) -> str:
+    return pattern.replace("[", "[[]")  # swept entries are named mine[floor=0.1]
+
+
+def _plain(row: Mapping[Any, Any]) -> Row:
+    import pandas as pd
+
+    return {str(k): None if pd.isna(v) else v.item() if hasattr(v, "item") else v for k, v in row.items()}
