@@ -110,7 +110,7 @@ class Study:
             folder=path.parent,
             plugins=tuple(dict.fromkeys(files)),
             scenes=tuple(str(reader.resolve(s)) if s.endswith(".toml") else s for s in reader.strings("scenes")),
-            recordings=tuple(reader.recordings()),
+            recordings=tuple(dict.fromkeys(reader.recordings())),
             repetitions=reader.integer("repetitions", 1, least=1),
             seed=reader.integer("seed", 0, least=0),
             metrics=tuple(reader.metrics()),

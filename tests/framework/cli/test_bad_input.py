@@ -196,3 +196,23 @@ def test_a_run_without_any_score_says_why_in_one_line_for_each_cause(folder: Pat
     assert done.stderr.count("noise.flac: cannot be read as sound") == 1
     (line,) = (text for text in done.stderr.splitlines() if text.startswith("ck-phd"))
     assert line.split()[:3] == ["ck-phd", "error", "2"]
+
+
+def test_a_replay_whose_tracker_raises_is_a_failed_trial(folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from sonobench import Space, hookimpl\n"
+        "@dataclass(frozen=True)\n"
+        "class Raises:\n"
+        "    space = Space.of('x_m', 'y_m')\n"
+        "    def init(self, rng, setup): return None\n"
+        "    def step(self, rng, state, scan): raise ValueError('as told')\n"
+        "@hookimpl\n"
+        "def sonobench_components():\n"
+        "    return {'tracker': {'raises': Raises}, 'pipeline': {'mine': {'use': 'ck-phd', 'tracker': 'raises'}}}\n"
+    )
+    done = sonobench(folder, "replay", "golden", "--pipeline", "mine", "--plugin", "mine.py", "-o", "out.mcap")
+    assert done.returncode == 3
+    assert "error: pipeline mine failed on golden: ValueError: as told" in done.stderr
+    assert "please report" not in done.stderr
+    assert not (folder / "out.mcap").exists()

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 from harness_study import PLUGIN, SCENE, STUDY, write_study
 
 from sonobench.errors import InputError, PluginError, TableError
+from sonobench.log import write_recording
+from sonobench.scene import Scene
 from sonobench.scene.study import Study
 
 
@@ -149,3 +153,18 @@ def test_two_scenes_of_one_name_are_refused(tmp_path):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/one.toml").write_text(SCENE)
     assert "are both named 'one'" in faults(tmp_path, STUDY.replace('"two.toml"', '"sub/one.toml"'))[0]
+
+
+def test_what_would_be_the_same_trials_is_refused(tmp_path):
+    study = load(tmp_path)
+    write_recording(tmp_path / "take.mcap", Scene.load(tmp_path / "one.toml", study.registry).simulate(0))
+    shutil.copy(tmp_path / "take.mcap", tmp_path / "copy.mcap")
+    (found,) = faults(tmp_path, STUDY.replace("scenes =", 'recordings = ["*.mcap"]\nscenes ='))
+    assert "copy.mcap hold the same input; name one of them" in found
+    once = load(tmp_path, STUDY.replace("scenes =", 'recordings = ["tak*.mcap", "take.mcap"]\nscenes ='))
+    assert [p.name for p in once.recordings] == ["take.mcap"]
+    found, _ = faults(tmp_path, STUDY + "[sweep]\nscene.period_s = [0.2, 0.2]\n")
+    assert "two swept values give the same scene" in found
+    (tmp_path / "take.mcap").rename(tmp_path / "one.mcap")
+    (found,) = faults(tmp_path, STUDY.replace("scenes =", 'recordings = ["one.mcap"]\nscenes ='))
+    assert "has the name of a scene" in found
