@@ -1,6 +1,9 @@
 """Leaderboards: statistics (NumPy), tables (pandas) and how they are printed."""
 
-from sonobench.board.rendering import render
+from sonobench.board.attribution import attribution
+from sonobench.board.printed import beside
+from sonobench.board.rendering import as_data, render
+from sonobench.board.runs import same_entries, together
 from sonobench.board.table import leaderboard
 
-__all__ = ["leaderboard", "render"]
+__all__ = ["as_data", "attribution", "beside", "leaderboard", "render", "same_entries", "together"]

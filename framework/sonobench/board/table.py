@@ -44,8 +44,8 @@ def leaderboard(
         Columns: the one of `by`, rank (missing where unranked), pipeline, origin, mean, low, high (95 %), interval (its
         method), rank_low, rank_high, tie, failures, trials, coverage, ms_per_frame, given; with `vs` diff, diff_low,
         diff_high, diff_p; then those of `also`. `attrs` says what it is of: metric, unit, better, scenes, scenarios,
-        repetitions, over (what the interval is over), units (how many), entrants (who can be ranked), vs, settings (values
-        swept in scenes, by column) and notes; with `by` one such table for each value under "groups".
+        repetitions, over (what the interval is over), units (how many), entrants (who can be ranked), vs, scene_names,
+        settings (values swept in scenes, by column) and notes; with `by` one such table for each value under "groups".
 
     Raises:
         InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is; or a trial stands there twice.
@@ -92,12 +92,12 @@ def _board(trials: pd.DataFrame, chosen: Mapping[str, pd.DataFrame], vs: str | N
     table = table.astype({"rank": "Int64", "rank_low": "Int64", "rank_high": "Int64"})
     numbers = ["mean", "low", "high", "coverage", "ms_per_frame", *(_AGAINST if vs is not None else ()), *others]
     table[numbers] = table[numbers].astype(float)
-    table.attrs = attrs(trials, found) | {"vs": vs, "entrants": [r["pipeline"] for r in order if r["pipeline"] in ranked]}
+    table.attrs = about(trials, found) | {"vs": vs, "entrants": [r["pipeline"] for r in order if r["pipeline"] in ranked]}
     table.attrs["notes"] = notes.of(table, found)
     return table
 
 
-def attrs(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
+def about(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
     """What a board is of."""
     coded = found.planned.trials
     first = np.unique(coded.block, return_index=True)[1]
@@ -110,6 +110,7 @@ def attrs(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
         "repetitions": int(np.bincount(coded.scenario[first]).max(initial=0)),
         "over": found.units.over,
         "units": len(found.units.values),
+        "scene_names": select.sorted_values(trials["scene"]),
         "settings": {c: select.sorted_values(trials[c]) for c in select.scene_columns(trials)},
     }
 

@@ -15,6 +15,12 @@ from sonobench.cli.output import emit, json_option
 @click.option("--with", "also", multiple=True, metavar="METRIC", help="Add a column with the mean of another metric; repeatable.")
 @click.option("--by", help="One board a value of this column, such as a swept parameter (any unique suffix).")
 @click.option("--vs", help="Show differences against this pipeline.")
+@click.option(
+    "--reference", "references", multiple=True, metavar="NAME", help="Put published numbers beside the measured ones; repeatable."
+)
+@click.option(
+    "--attribute", "role", metavar="ROLE", help="What swapping this component (delay, tracker, ...) is worth, instead of a board."
+)
 @click.option("--format", "format_", type=click.Choice(["text", "md", "csv", "json", "parquet"]), default="text", show_default=True)
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write to a file instead of stdout (needed for parquet)."
@@ -26,24 +32,32 @@ def board(
     also: tuple[str, ...],
     by: str | None,
     vs: str | None,
+    references: tuple[str, ...],
+    role: str | None,
     format_: str,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Print the leaderboard of RUN (a folder, or a name in runs/)."""
+    """Print the leaderboard of RUN (a folder, or a name in runs/); of several RUNs as one, such as shards of a study.
+
+    With several metrics JSON is a list of boards, and CSV and Parquet have a column `metric`.
+    """
     from sonobench.board import render
     from sonobench.errors import InputError
     from sonobench.harness import open_run
 
     format_ = "json" if as_json else format_
-    opened = open_run(*runs)
-    wanted = metrics or opened.metrics[:1]
-    if format_ in ("json", "parquet", "csv") and len(wanted) > 1:
-        raise InputError(f"--format {format_} holds one board, got {len(wanted)} metrics; call once for each")
+    if role is not None and (vs is not None or also or references):
+        raise InputError("--attribute prints swaps of components; --vs, --with and --reference belong to a leaderboard")
     if format_ == "parquet" and out is None:
         raise InputError("--format parquet is binary; name a file with -o")
-    rendered = [render(opened.board(m, by=by, vs=vs, also=also), format_) for m in wanted]
-    content = rendered[0] if isinstance(rendered[0], bytes) else "\n\n".join(map(str, rendered))
+    opened = open_run(*runs)
+    wanted = metrics or opened.metrics[:1] or (None,)
+    if role is not None:
+        boards = [opened.attribution(role, m, by) for m in wanted]
+    else:
+        boards = [opened.board(m, by=by, vs=vs, also=also, references=references) for m in wanted]
+    content = render(boards[0] if len(boards) == 1 else boards, format_)
     if out is None:
         click.echo(content)
         return

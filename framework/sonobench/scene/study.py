@@ -11,6 +11,8 @@ mine = { use = "ck-phd", front_end = { delay = { use = "floor-phat" } } }
 [sweep]                                         # a leaf is a list of alternatives; the product is run
 scene.noise.snr_db = [10, 20]
 pipelines.mine.front_end.delay.floor = [0.05, 0.2]
+
+`reference = ["chen2012"]` puts published numbers beside the measured ones on its boards.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from sonobench.harness.plan import Plan
     from sonobench.harness.run import Run
 
-_KEYS = ("plugins", "scenes", "recordings", "repetitions", "seed", "metrics", "pipelines", "sweep")
+_KEYS = ("plugins", "scenes", "recordings", "repetitions", "seed", "metrics", "pipelines", "sweep", "reference")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,7 @@ class Study:
         metrics: tables with `use`.
         pipelines: tables with `use` by entry name, in order.
         sweep: alternatives by dotted path, each beginning with "scene." or "pipelines.".
+        references: names, `dist:name`, or paths from anywhere, of published numbers to stand beside.
         registry: where every name was looked up.
     """
 
@@ -60,6 +63,7 @@ class Study:
     metrics: tuple[Mapping[str, Any], ...]
     pipelines: Mapping[str, Mapping[str, Any]]
     sweep: Mapping[tuple[str, ...], tuple[Any, ...]]
+    references: tuple[str, ...]
     registry: Registry = field(repr=False, compare=False)
 
     @classmethod
@@ -102,6 +106,7 @@ class Study:
             PluginError: a plugin file that cannot be loaded.
         """
         from sonobench.harness.plan import plan
+        from sonobench.scene.reference import reference_faults
 
         reader = _Reader(table, path)
         files = (*reader.paths("plugins"), *(Path(p).resolve() for p in plugins))
@@ -116,10 +121,11 @@ class Study:
             metrics=tuple(reader.metrics()),
             pipelines=(pipelines := reader.pipelines(also, only)),
             sweep=reader.sweep(pipelines),
+            references=tuple(str(reader.resolve(r)) if r.endswith(".toml") else r for r in reader.strings("reference")),
             registry=Registry.load(files),
         )
         reader.check_content(study)
-        faults = [*reader.faults, *plan(study).faults]
+        faults = [*reader.faults, *plan(study).faults, *reference_faults(study.references, study.registry, path.name)]
         if faults:
             raise TableError(list(dict.fromkeys(faults)))
         return study
@@ -149,6 +155,7 @@ class Study:
             "metrics": [dict(m) for m in self.metrics],
             "pipelines": {k: dict(v) for k, v in self.pipelines.items()},
             "sweep": _nested(self.sweep),
+            "reference": list(self.references),
         }
 
 
