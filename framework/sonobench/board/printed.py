@@ -18,25 +18,27 @@ from sonobench.scene.reference import PrintedTable, Reference
 PREFIX = "ref."
 
 
-def beside(board: pd.DataFrame, references: Sequence[Reference], metrics: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+def beside(
+    board: pd.DataFrame, references: Sequence[Reference], metrics: Mapping[str, Mapping[str, Any]], lost: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """A board with a column `ref.NAME` after the mean for each reference, and a note for each.
 
     Args:
         board: of `leaderboard`; stays as it is.
         references: in the order of the columns.
         metrics: full table of each metric by its label.
+        lost: why further references cannot be read, by name.
     """
     attrs: dict[str, Any] = {str(k): v for k, v in board.attrs.items()}
-    if "groups" not in attrs:
-        columns, attrs = _columns(board, attrs, references, metrics)
-    else:
-        groups, parts = [], []
-        for group in attrs["groups"]:
-            mine = in_group(board, attrs["by"], group["value"])
-            part, told = _columns(mine, group, references, metrics)
-            groups.append(told)
-            parts.append(part)
-        columns, attrs = pd.concat(parts), {**attrs, "groups": groups}
+    unread = [f"{name} cannot be read here: {why}." for name, why in (lost or {}).items()]
+    groups, parts = [], []
+    for group in attrs.get("groups", [attrs]):
+        mine = in_group(board, attrs["by"], group["value"]) if "groups" in attrs else board
+        columns, told = _columns(mine, group, references, metrics)
+        parts.append(columns)
+        groups.append({**told, "notes": told["notes"] + unread})
+    attrs = {**attrs, "groups": groups} if "groups" in attrs else groups[0]
+    columns = pd.concat(parts)
     at = int(board.columns.get_loc("mean")) + 1  # type: ignore[arg-type]
     result = pd.concat([board.iloc[:, :at], columns, board.iloc[:, at:]], axis=1)
     result.attrs.clear()

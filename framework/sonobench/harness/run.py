@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from sonobench.errors import InputError, TableError
+from sonobench.errors import InputError, SonobenchError, TableError
 from sonobench.harness import run_folder
 from sonobench.harness.cache import Cache
 from sonobench.harness.cell import Limits
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sonobench.harness.plan import Plan
     from sonobench.harness.progress import Display
     from sonobench.harness.session import Job, Session
-    from sonobench.registry import Registry
+    from sonobench.scene.reference import Reference
     from sonobench.scene.study import Study
 
 RUNS = "runs"  # where runs lie unless --out says otherwise
@@ -87,15 +87,11 @@ class Run:
         References that the study names are always there; further ones are names, `dist:name` or paths of .toml files.
         """
         from sonobench.board import beside, leaderboard
-        from sonobench.scene.reference import Reference
 
         table = leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also)
-        named = [r for study in self.studies for r in study["study"].get("reference", ())]
-        wanted = list(dict.fromkeys([*named, *references]))
-        if not wanted:
-            return table
+        found, lost = self._references(references)
         metrics = {label: own for study in self.studies for label, own in study.get("metric_tables", {}).items()}
-        return beside(table, [Reference.load(r, self._registry) for r in wanted], metrics)
+        return beside(table, found, metrics, lost) if found or lost else table
 
     def attribution(self, role: str, metric: str | None = None, by: str | None = None) -> pd.DataFrame:
         """What swapping a component of a role is worth; see `sonobench.board.attribution`."""
@@ -126,12 +122,27 @@ class Run:
         same_entries([study.get("entries", {}) for study in self.studies], names)
         return together(trials, scores, names)
 
-    @cached_property
-    def _registry(self) -> Registry:
+    def _references(self, asked: Sequence[str]) -> tuple[list[Reference], dict[str, str]]:
+        """References asked for and named by the studies, and why those of a study that are not here cannot be read."""
+        named = [r for study in self.studies for r in study["study"].get("reference", ())]
+        if not named and not asked:
+            return [], {}
         from sonobench.registry import Registry
+        from sonobench.scene.reference import Reference
 
-        plugins = dict.fromkeys(p for study in self.studies for p in study["study"].get("plugins", ()))
-        return Registry.load([p for p in plugins if Path(p).is_file()])
+        plugins = dict.fromkeys(p for study in self.studies for p in study["study"].get("plugins", ()) if Path(p).is_file())
+        registry = Registry.load(plugins)
+        found: dict[str, Reference] = {}
+        lost: dict[str, str] = {}
+        for name in dict.fromkeys([*named, *asked]):
+            try:
+                reference = Reference.load(name, registry)
+                found.setdefault(reference.name, reference)
+            except SonobenchError as error:
+                if name in asked:
+                    raise
+                lost[name] = str(error)
+        return list(found.values()), lost
 
 
 def open_run(*runs: str | Path) -> Run:
