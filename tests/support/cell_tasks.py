@@ -109,6 +109,22 @@ def do_alarm():
     os.chdir("/")
 
 
+def _sum_of_powers(n):
+    total = 0.0
+    for k in range(n):
+        total += k**0.5 + k**1.5 + k**2.5
+    return total
+
+
+def do_compile():
+    import numba
+
+    begin = time.perf_counter()
+    compiled = numba.njit(cache=True)(_sum_of_powers)
+    compiled(10)
+    return sum(compiled.stats.cache_hits.values()), time.perf_counter() - begin
+
+
 def do_where():
     time.sleep(0.3)
     return os.getcwd()

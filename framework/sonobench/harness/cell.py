@@ -16,26 +16,12 @@ from typing import Any
 
 from sonobench.harness import frames
 from sonobench.harness.processes import MARK, end_marked
+from sonobench.harness.warm import WARM
 
 _PATIENCE_S = 0.7  # for a guard to end what is below it, before it is ended itself
 
 #: one thread each, so that two workers on two cores do not fight, and sums are added in one order
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-
-#: what trials need and is slow to import
-WARM = (
-    "numba",
-    "scipy.linalg",
-    "scipy.optimize",
-    "scipy.signal",
-    "scipy.special",
-    "sonobench.harness.trial",
-    "sonobench.log.recording",
-    "sonobench.log.estimates",
-    "sonobench.log.scans",
-    "sonobench.scene.scene",
-    "sonobench.scoring",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +62,7 @@ class Cell:
     Args:
         numba_cache: where compiled code is kept.
         perform: "module:function" that turns a task into a dictionary of Outcome's fields and never raises.
-        warm: modules to import before workers are forked, so that a fresh worker costs milliseconds.
+        warm: what is made ready before workers are forked, so that a fresh worker costs milliseconds; see `warm`.
     """
 
     def __init__(

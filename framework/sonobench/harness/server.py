@@ -26,6 +26,7 @@ from typing import Any
 
 from sonobench.harness import frames
 from sonobench.harness.processes import descendants, end_below, kernel_kills, resident_mb
+from sonobench.harness.warm import make_ready
 
 LOG_CAP = 1_000_000  # bytes of a task's own output that are kept
 _WATCH_S = 0.02  # how often the resident size is looked at
@@ -118,8 +119,7 @@ def _serve_all(inlet: int, outlet: int) -> None:
     hello = frames.receive(inlet)
     parent = Parent(inlet, outlet, os.pidfd_open(hello["parent"]))
     sys.path[:] = hello["path"]
-    for name in hello["warm"]:
-        importlib.import_module(name)
+    make_ready(hello["warm"])
     perform = _named(hello["perform"])
     worker = _fork(parent, perform)
     while (limits := parent.next()) is not None and (task := parent.next()) is not None:

@@ -168,6 +168,19 @@ def test_a_guard_that_is_killed_is_a_crash_nothing_is_left_of_it_and_the_cell_go
     assert done(cell, "nothing").status == "ok"
 
 
+def test_the_code_that_a_killed_worker_compiled_is_reused(tmp_path):
+    cell = Cell(tmp_path / "numba", perform=PERFORM, warm=("sonobench.harness.warm:compiler",))
+    try:
+        hits, compiling_s = done(cell, "compile").value
+        assert hits == 0
+        assert done(cell, "abort").status == "crash"
+        hits, loading_s = done(cell, "compile").value
+        assert hits == 1
+        assert loading_s < compiling_s / 2
+    finally:
+        cell.close()
+
+
 def test_a_worker_is_the_first_that_the_kernel_ends_and_its_guard_is_not(cell):
     worker = done(cell, "nothing").value
     assert Path(f"/proc/{worker}/oom_score_adj").read_text() == "1000\n"
