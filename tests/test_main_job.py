@@ -60,6 +60,13 @@ def test_newcomers_stand_on_the_quickstarts_board(finished: tuple[Path, subproce
         assert f" {name} " in done.stdout
 
 
+def test_a_newcomers_tracker_of_one_talker_already_beats_both_baselines(finished: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    from sonobench import open_run
+
+    ospa = open_run(finished[0]).board("ospa").set_index("pipeline")["mean"]
+    assert ospa["loudest"] < 0.9 * min(ospa["nobody"], ospa["room-centre"])
+
+
 def test_every_planned_trial_is_a_row(finished: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     out, _ = finished
     trials = pd.read_parquet(out / "trials.parquet")
