@@ -127,6 +127,11 @@ def _missing(table: pd.DataFrame, found: Measured) -> list[str]:
     notes = []
     rows = found.rows
     total, ranked = len(np.unique(rows.block)), int(found.blocks.sum())
+    planned = len(np.unique(found.planned.block))
+    if total < planned:
+        lost = planned - total
+        verbs = ("has", "counts") if lost == 1 else ("have", "count")
+        notes.append(f"{lost} of {planned} blocks (scenario and repetition) {verbs[0]} no score at all and {verbs[1]} for nobody.")
     if found.ranked.any() and ranked < total:
         notes.append(f"ranked on {ranked} of {total} blocks (scenario and repetition): the others lack a score of a ranked pipeline.")
     scored = {rows.trials.pipelines[code] for code in np.unique(rows.pipeline[rows.scored])}

@@ -271,3 +271,10 @@ def test_the_tables_that_are_passed_in_stay_as_they_were():
     leaderboard(trials, scores, "ospa", vs="good")
     pd.testing.assert_frame_equal(trials, before[0])
     pd.testing.assert_frame_equal(scores, before[1])
+
+
+def test_what_nobody_has_a_score_of_is_said():
+    values = {p: {(f"room{s}", 0): 1.0 + s for s in range(3)} for p in "ab"}
+    board = leaderboard(*run(values, unscored=[("a", "room1", 0), ("b", "room1", 0)]), "ospa")
+    assert "1 of 3 blocks (scenario and repetition) has no score at all and counts for nobody." in board.attrs["notes"]
+    assert not any("no score at all" in note for note in leaderboard(*run(values), "ospa").attrs["notes"])
