@@ -15,9 +15,6 @@ SCHEMA = 1
 
 _MESSAGE_CAP = 4000  # characters of a message that a row keeps; the log has all of it
 
-#: status of a trial; every planned trial has exactly one
-STATUSES = ("ok", "error", "timeout", "oom", "crash", "invalid", "skipped", "unavailable")
-
 #: columns of trials.parquet with their pandas dtypes; `p_*` columns of the sweep stand after `dirty`
 TRIAL_COLUMNS: Mapping[str, str] = {
     "trial_key": "string",

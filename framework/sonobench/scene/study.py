@@ -1,7 +1,7 @@
 """A study: scenes and recordings × swept parameters × pipelines × repetitions × metrics, as a table.
 
 plugins = ["floor_phat.py"]                     # paths relative to this file
-scenes = ["quickstart", "./lab.toml"]           # and/or recordings = ["locata/*.mcap"]
+scenes = ["quickstart-1", "./lab.toml"]           # and/or recordings = ["locata/*.mcap"]
 repetitions = 10
 seed = 0
 metrics = ["ospa", { use = "gospa", c_m = 1.0 }]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from acoustics_decay import energy_decay_db, reverberation_time
 from scipy.signal import butter, sosfilt
 
 from sonobench.acoustics.image_sources import build_lattice
 from sonobench.acoustics.path_render import impulse_responses, response_length
-from sonobench.acoustics.reverberation import energy_decay_db, reverberation_time
 from sonobench.scene.reverberation import uniform_reflection
 
 RATE = 8000.0
