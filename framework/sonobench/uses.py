@@ -26,7 +26,7 @@ _IMPORTED: dict[str, set[str]] = {}  # modules by the module that imported them
 _READ: dict[str, set[str]] = {}  # files by the module that opened them
 _OUTSIDE: dict[str, set[str]] = {}  # programs and connections, in words
 _WRITTEN: set[str] = set()
-_LOADED_NS: dict[str, int] = {}  # when the file of a module was last changed, as it was imported
+_LOADED_NS: dict[str, int] = {}  # when a source was last changed, as a module was made of it
 _PLUGIN_ROOTS: set[str] = set()
 _WORDS: Mapping[str, Callable[[tuple[Any, ...]], str]] = {
     "subprocess.Popen": lambda a: f"the program {a[0]}",
@@ -38,7 +38,7 @@ _WORDS: Mapping[str, Callable[[tuple[Any, ...]], str]] = {
 _SYSTEM = ("/proc", "/sys", "/dev", "/etc", "/usr/lib", "/usr/share")
 _import, _import_module = builtins.__import__, importlib.import_module
 _LOADER = "<frozen importlib"
-_state = {"depth": 0, "hooked": 0, "modules": 0}
+_state = {"depth": 0, "hooked": 0}
 
 
 def follow(modules: Iterable[str]) -> None:
@@ -63,7 +63,6 @@ def watching() -> Iterator[None]:
         _state["depth"] -= 1
         if not _state["depth"]:
             builtins.__import__, importlib.import_module = _import, _import_module
-            _note_loaded()
 
 
 def beyond(known: Collection[str], files: Mapping[str, int], allowed: Sequence[str] = ()) -> list[str]:
@@ -100,8 +99,8 @@ def _changed(known: Iterable[str], files: Mapping[str, int]) -> set[str]:
             if os.stat(path).st_mtime_ns != modified_ns:
                 found.add(f"file {path}, edited while the study ran")
     for name in known:
-        path = getattr(sys.modules.get(name), "__file__", None)
-        if path in files and _LOADED_NS.get(name, files[path]) != files[path]:
+        own = str(getattr(sys.modules.get(name), "__file__", None))
+        if own in files and _LOADED_NS.get(own, files[own]) != files[own]:
             found.add(f"module {name}, edited after this process had imported it")
     return found
 
@@ -154,9 +153,12 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
 def _note_open(path: str, mode: str | None, flags: int) -> None:
     frame: FrameType | None = sys._getframe(2)
     if frame is not None and frame.f_code.co_filename.startswith(_LOADER):
+        _note_loaded(_source(path))
         while frame is not None and frame.f_code.co_filename.startswith(_LOADER):
             frame = frame.f_back
-        if frame is None or str(frame.f_globals.get("__name__")).partition(".")[0] == "sonobench":  # noted as an import, or a façade's own rooms
+        if (
+            frame is None or str(frame.f_globals.get("__name__")).partition(".")[0] == "sonobench"
+        ):  # noted as an import, or a façade's own rooms
             return
     reader = _reader(frame)
     if reader is None:
@@ -167,6 +169,12 @@ def _note_open(path: str, mode: str | None, flags: int) -> None:
         _WRITTEN.add(path)
     else:
         _READ.setdefault(reader, set()).add(path)
+
+
+def _note_loaded(source: str | None) -> None:
+    if source is not None and not _is_below(source, _installed()):
+        with suppress(OSError):
+            _LOADED_NS[source] = os.stat(source).st_mtime_ns
 
 
 def _reader(frame: FrameType | None) -> str | None:
@@ -225,13 +233,3 @@ def _installed() -> tuple[str, ...]:
     named += [f"{prefix}/{lib}" for prefix in (sys.prefix, sys.base_prefix) for lib in ("lib", "lib64")]
     named += [*(p for p in sys.path if Path(p).name in ("site-packages", "dist-packages"))]
     return tuple(dict.fromkeys(n for n in named if n))
-
-
-def _note_loaded() -> None:
-    if len(sys.modules) == _state["modules"]:
-        return
-    for name, module in list(sys.modules.items()):
-        if name not in _LOADED_NS and _is_of_interest(name, file := getattr(module, "__file__", None)):
-            with suppress(OSError):
-                _LOADED_NS[name] = os.stat(str(file)).st_mtime_ns
-    _state["modules"] = len(sys.modules)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from sonobench.cli.output import emit, json_option
+from sonobench.cli.output import emit, emit_verified, json_option
+
+if TYPE_CHECKING:
+    from sonobench.harness import Run
 
 
 @click.command()
@@ -21,6 +25,7 @@ from sonobench.cli.output import emit, json_option
 @click.option(
     "--attribute", "role", metavar="ROLE", help="What swapping this component (delay, tracker, ...) is worth, instead of a board."
 )
+@click.option("--verify", is_flag=True, help="First compute every score again from the stored estimates; exit code 3 if one differs.")
 @click.option("--format", "format_", type=click.Choice(["text", "md", "csv", "json", "parquet"]), default="text", show_default=True)
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write to a file instead of stdout (needed for parquet)."
@@ -37,7 +42,8 @@ def board(
     format_: str,
     out: Path | None,
     as_json: bool,
-) -> None:
+    verify: bool,
+) -> int:
     """Print the leaderboard of RUN (a folder, or a name in runs/); of several RUNs as one, such as shards of a study.
 
     With several metrics JSON is a list of boards, and CSV and Parquet have a column `metric`.
@@ -52,6 +58,7 @@ def board(
     if format_ == "parquet" and out is None:
         raise InputError("--format parquet is binary; name a file with -o")
     opened = open_run(*runs)
+    code = _verified(opened) if verify else 0
     wanted = metrics or opened.metrics[:1] or (None,)
     if role is not None:
         boards = [opened.attribution(role, m, by) for m in wanted]
@@ -60,10 +67,20 @@ def board(
     content = render(boards[0] if len(boards) == 1 else boards, format_)
     if out is None:
         click.echo(content)
-        return
+        return code
     from sonobench.files import replace_file
 
     replace_file(out, content if isinstance(content, bytes) else content.encode() + b"\n")
+    return code
+
+
+def _verified(opened: Run) -> int:
+    from sonobench.harness.verify import verify_scores
+
+    found = [verify_scores(path) for path in opened.paths]
+    for each in found:
+        emit_verified(each)
+    return 3 if any(each.findings for each in found) else 0
 
 
 @click.command()

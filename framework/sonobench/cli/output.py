@@ -67,3 +67,28 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
     return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+class _Share(click.ParamType):
+    name = "share"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """ "2%" or "0.02"."""
+        text = str(value).strip()
+        try:
+            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        except ValueError:
+            share = 0.0
+        if not 0 < share <= 1:
+            self.fail(f"{value!r} is no share of the trials; write 2% or 0.02", param, ctx)
+        return share
+
+
+SHARE = _Share()  #: a share of something: "2%" or "0.02"
+
+
+def emit_verified(verified: Any) -> None:
+    """What a verification found, on stderr."""
+    if verified.findings:
+        click.echo(columns(verified.findings, ["trial_key", "pipeline", "scene", "repetition", "fault"]), err=True)
+    click.echo(str(verified), err=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sonobench.cli.output import columns, emit, json_option, plugin_option
+from sonobench.cli.output import SHARE, columns, emit, emit_verified, json_option, plugin_option
 
 
 @click.command()
@@ -32,10 +32,17 @@ from sonobench.cli.output import columns, emit, json_option, plugin_option
     "--engine", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="dask: a cluster of --jobs workers."
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Join this Dask scheduler (tcp://host:8786); implies --engine dask.")
+@click.option(
+    "--verify",
+    "share",
+    type=SHARE,
+    metavar="SHARE",
+    help="Afterwards repeat this share of the trials (2%) from nothing and compare; 3 if they differ.",
+)
 @click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
 @plugin_option
 @json_option
-def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, **options: Any) -> int:
+def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, share: float | None, **options: Any) -> int:
     """Execute STUDY (a name or a .toml file) and print its board."""
     from sonobench.scene import Study
 
@@ -49,11 +56,18 @@ def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, **op
         emit(rows, columns(rows, ["pipeline", "scene", "repetition", "run", "trial_key"]), as_json)
         return 0
     finished = loaded.run(**options)
-    _print_boards(finished, as_json)
-    return 3 if finished.failed else 0
+    if share is None:
+        _print_boards(finished, as_json)
+        return 3 if finished.failed else 0
+    from sonobench.harness.verify import verify_trials
+
+    verified = verify_trials(loaded, finished.path, share, options["jobs"])
+    _print_boards(finished, as_json, verified.to_table())
+    emit_verified(verified)
+    return 3 if finished.failed or verified.findings else 0
 
 
-def _print_boards(finished: Any, as_json: bool) -> None:
+def _print_boards(finished: Any, as_json: bool, verified: dict[str, Any] | None = None) -> None:
     from sonobench.board import render
 
     scored = [m for m in finished.metrics if (finished.scores["metric"] == m).any()]
@@ -61,7 +75,8 @@ def _print_boards(finished: Any, as_json: bool) -> None:
         import json
 
         boards = {m: json.loads(render(finished.board(m), "json")) for m in scored}
-        emit({"run": str(finished.path), "failed": finished.failed, "boards": boards, "failures": _failures(finished)}, "", True)
+        content = {"run": str(finished.path), "failed": finished.failed, "boards": boards, "failures": _failures(finished)}
+        emit(content | ({} if verified is None else {"verified": verified}), "", True)
         return
     click.echo(
         render(finished.board(scored[0], also=scored[1:]), "text")

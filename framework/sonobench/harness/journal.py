@@ -1,20 +1,67 @@
 """The journal of a run: one JSON object a line, appended and flushed as each trial ends; a torn last line is no loss.
 
 A line holds `trial` (a row of trials.parquet), or `trial_key` and `scores` ({score key: {"rows": […]} or {"error": …}}),
-or `recording` ({recording key: hashes}).
+or `recording` ({recording key: hashes}). What it says is not held in memory: only where each thing stands in the file,
+so that a million trials take some hundred megabytes.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import weakref
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
+_RECENT = 1024  # decoded lines that are kept: a recording's trials are asked for several times in a row
+_LENGTH_BITS = 32
 
-@dataclass(slots=True)
+
+class Lines:
+    """Lines of a file by where they stand: a number that holds position and length."""
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_RDONLY)
+        weakref.finalize(self, os.close, self._fd)
+        self._recent: dict[int, dict[str, Any]] = {}
+
+    def __getitem__(self, place: int) -> dict[str, Any]:
+        line = self._recent.get(place)
+        if line is None:
+            length = place & ((1 << _LENGTH_BITS) - 1)
+            line = json.loads(os.pread(self._fd, length, place >> _LENGTH_BITS))
+            if len(self._recent) >= _RECENT:
+                self._recent.clear()
+            self._recent[place] = line
+        return line
+
+
+class Stored(Mapping[str, dict[str, Any]]):
+    """What a journal says about things of one kind, by key; read from the file when asked for. Not to be changed."""
+
+    def __init__(self, lines: Lines, part: str, by_key: bool) -> None:
+        self._lines, self._part, self._by_key = lines, part, by_key
+        self.places: dict[str, int] = {}
+
+    def __getitem__(self, key: str) -> dict[str, Any]:
+        found = self._lines[self.places[key]][self._part]
+        return found[key] if self._by_key else found
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """The thing, or the default."""
+        return self[key] if key in self.places else default
+
+    def __contains__(self, key: object) -> bool:
+        return key in self.places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
 class Recorded:
     """What a journal says: the last line of a kind about a thing holds.
 
@@ -25,40 +72,46 @@ class Recorded:
         recordings: (input_sha, truth_sha) by recording key.
     """
 
-    trials: dict[str, dict[str, Any]] = field(default_factory=dict)
-    outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
-    scores: dict[str, dict[str, Any]] = field(default_factory=dict)
-    recordings: dict[str, tuple[str, str]] = field(default_factory=dict)
+    def __init__(self, path: Path) -> None:
+        lines = Lines(path)
+        self.trials, self.outputs, self.scores = Stored(lines, "trial", False), Stored(lines, "trial", False), Stored(lines, "scores", True)
+        self.recordings: dict[str, tuple[str, str]] = {}
 
-    def take(self, line: Mapping[str, Any]) -> None:
-        """Add one line."""
+    def take(self, line: Mapping[str, Any], position: int, length: int) -> None:
+        """Add one line and where it stands."""
+        place = position << _LENGTH_BITS | length
         if "trial" in line:
             row = line["trial"]
-            self.trials[row["trial_key"]] = row
+            self.trials.places[row["trial_key"]] = place
             if row["status"] == "ok":
-                self.outputs[row["estimate_key"]] = row
-        self.scores.update(line.get("scores", {}))
-        self.recordings.update({k: (v[0], v[1]) for k, v in line.get("recording", {}).items()})
+                self.outputs.places[row["estimate_key"]] = place
+        for key in line.get("scores", ()):
+            self.scores.places[key] = place
+        for key, (input_sha, truth_sha) in line.get("recording", {}).items():
+            self.recordings[key] = input_sha, truth_sha
 
 
 class Journal:
-    """Appends to a file and keeps what it says at hand; one process at a time (the run folder's lock sees to it)."""
+    """Appends to a file and says what it holds; one process at a time (the run folder's lock sees to it)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.recorded = read(path)
         self._file: BinaryIO = path.open("ab")
         if not _ends_well(path):
             self._file.write(b"\n")
+            self._file.flush()
+        self.recorded = read(path)
 
     def add(self, **line: Any) -> None:
         """Append one line; it is with the operating system when this returns."""
-        self._file.write(json.dumps(line, separators=(",", ":")).encode() + b"\n")
+        text = json.dumps(line, separators=(",", ":")).encode() + b"\n"
+        position = self._file.tell()
+        self._file.write(text)
         self._file.flush()
-        self.recorded.take(line)
+        self.recorded.take(line, position, len(text))
 
     def close(self) -> None:
-        """Have it on the disk."""
+        """Have it on the disk; what it says can still be asked for."""
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
@@ -66,16 +119,17 @@ class Journal:
 
 def read(path: Path) -> Recorded:
     """What a journal says; lines that a killed run tore are passed over."""
-    recorded = Recorded()
-    if path.exists():
-        with path.open("rb") as file:
-            for text in file:
-                try:
-                    line = json.loads(text)
-                except ValueError:
-                    continue
-                if isinstance(line, dict):
-                    recorded.take(line)
+    recorded = Recorded(path)
+    position = 0
+    with path.open("rb") as file:
+        for text in file:
+            try:
+                line = json.loads(text)
+            except ValueError:
+                line = None
+            if isinstance(line, dict):
+                recorded.take(line, position, len(text))
+            position += len(text)
     return recorded
 
 

@@ -14,16 +14,38 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from json.encoder import encode_basestring
 from typing import Any
 
-Table = Mapping[str, Any]
+
+class Json(str):
+    """Canonical JSON of what goes into many keys, made once: a key of it is that of the value itself."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, value: Any) -> Json:
+        """Of plain data."""
+        from sonobench.components import canonical_json
+
+        return cls(canonical_json(value))
 
 
 def key(**parts: Any) -> str:
     """SHA-256 (first 32 hexadecimal digits) of named parts as canonical JSON."""
-    from sonobench.components import canonical_json
+    text = ",".join([f'"{name}":{_text(parts[name])}' for name in sorted(parts)])
+    return hashlib.sha256(f"{{{text}}}".encode()).hexdigest()[:32]
 
-    return hashlib.sha256(canonical_json(parts).encode()).hexdigest()[:32]
+
+def _text(part: Any) -> str:
+    if isinstance(part, Json):
+        return part
+    if type(part) is str:
+        return encode_basestring(part)
+    return str(part) if type(part) is int else Json.of(part)
+
+
+Table = Mapping[str, Any] | Json
 
 
 def trial_key(source: str, seed: int | None, pipeline: Table, run: int) -> str:

@@ -7,19 +7,21 @@ names its scene's and its pipeline's part; these name the code.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sonobench.components import digest
 from sonobench.files import replace_file
-from sonobench.harness.code import Closure, closure
-from sonobench.harness.keys import estimate_key, recording_key, scans_key, score_key
+from sonobench.harness.cache import Cache
+from sonobench.harness.code import Closure, closure, numba_digest
+from sonobench.harness.keys import Json, estimate_key, recording_key, scans_key, score_key
 from sonobench.harness.plan import MetricEntry, PipelineEntry, Plan, Source
 
 Part = dict[str, Any]
 _EMPTY_OUTPUT = "empty"
+_KEPT = 10_000  # scans keys: the pipelines of one recording ask several times
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,8 @@ class Codes:
     trackers: Mapping[str, Closure]
     scenes: Mapping[int, Closure]
     metrics: Mapping[str, Closure]
+    _made: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)  # what many keys share
+    _scans: dict[tuple[str, str], str] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, plan: Plan) -> Codes:
@@ -44,27 +48,47 @@ class Codes:
 
     def recording_key(self, source: Source, seed: int) -> str:
         """Of a scene's rendering."""
-        return recording_key(source.sha, seed, self.scenes[id(source)].digest)
+        return recording_key(source.sha, seed, self._once("scene", str(id(source)), lambda: self.scenes[id(source)].digest))
 
     def scans_key(self, entry: PipelineEntry, input_sha: str) -> str:
         """Of an entry's front end on a recording; "" where the entry is unavailable."""
         if entry.pipeline is None:
             return ""
-        return scans_key(input_sha, entry.table["front_end"], entry.pipeline.given, self.front_ends[entry.name].digest)
+        if (found := self._scans.get((entry.name, input_sha))) is None:
+            table, code = self._once(
+                "front_end", entry.name, lambda: (Json.of(entry.table["front_end"]), self.front_ends[entry.name].digest)
+            )
+            if len(self._scans) >= _KEPT:
+                self._scans.clear()
+            found = self._scans[entry.name, input_sha] = scans_key(input_sha, table, entry.pipeline.given, code)
+        return found
 
     def estimate_key(self, entry: PipelineEntry, input_sha: str, run: int) -> str:
         """Of a trial's output."""
-        return estimate_key(self.scans_key(entry, input_sha), entry.table.get("tracker"), self.trackers[entry.name].digest, run)
+        table, code = self._once("tracker", entry.name, lambda: (Json.of(entry.table.get("tracker")), self.trackers[entry.name].digest))
+        return estimate_key(self.scans_key(entry, input_sha), table, code, run)
 
     def score_key(self, metric: MetricEntry, entry: PipelineEntry, row: Mapping[str, Any]) -> str:
         """Of a metric's rows for a trial's row; a failed trial counts as empty output."""
         output = row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(entry.table)}"
-        return score_key(output, row["truth_sha"], metric.table, self.metrics[metric.label].digest)
+        table, code = self._once("metric", metric.label, lambda: (Json.of(metric.table), self.metrics[metric.label].digest))
+        return score_key(output, row["truth_sha"], table, code)
+
+    def _once(self, kind: str, name: str, make: Callable[[], Any]) -> Any:
+        if (kind, name) not in self._made:
+            self._made[kind, name] = make()
+        return self._made[kind, name]
 
 
 def covered(found: Closure) -> dict[str, Any]:
     """What a worker needs to tell what a component used beyond its closure."""
     return {"names": found.names, "sources": dict(found.sources)}
+
+
+def numba_cache(plan: Plan, cache: Cache) -> Path:
+    """Where a plan's compiled code is kept: by the digest of all sources that it could come from, for Numba itself looks at one file only."""
+    parts = (*(e.pipeline for e in plan.entries), *(s.scene for s in plan.sources), *(m.metric for m in plan.metrics))
+    return cache.numba(numba_digest({"sonobench", *closure(*parts).modules}))
 
 
 def scene_part(source: Source, codes: Codes) -> Part:
@@ -94,7 +118,7 @@ def parts_of(plan: Plan, codes: Codes) -> Iterator[tuple[str, Part]]:
     for entry in plan.entries:
         yield sha_of(part := pipeline_part(entry, codes)), part
     for group in (codes.scenes, codes.front_ends, codes.trackers, codes.metrics):
-        for found in group.values():  # type: ignore[attr-defined]
+        for found in group.values():
             yield found.digest, {"kind": "code", **found.to_table()}
 
 

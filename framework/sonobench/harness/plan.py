@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sonobench.components import build, canonical_json, digest, overlay, to_table
 from sonobench.errors import InputError, PluginError, SonobenchError, TableError, UnavailableError
 from sonobench.harness.environment import is_dirty
-from sonobench.harness.keys import seed_of, trial_key
+from sonobench.harness.keys import Json, seed_of, trial_key
 
 if TYPE_CHECKING:
     from sonobench.pipeline import Pipeline
@@ -158,13 +158,12 @@ def plan(study: Study) -> Plan:
     sources = (*_scenes(study, where, faults), *_files(study, where, faults))
     faults += [f"{where} {fault}" for fault in _twins(sources)]
     metrics = tuple(_metrics(study, where, faults))
+    named = [(entry, Json.of({"name": entry.name, **entry.table})) for entry in entries]
     trials = [
-        PlannedTrial(
-            trial_key(source.sha, seed, {"name": entry.name, **entry.table}, run), study.name, source, entry, repetition, run, seed
-        )
+        PlannedTrial(trial_key(source.sha, seed, table, run), study.name, source, entry, repetition, run, seed)
         for source in sources
         for repetition, run, seed in _repetitions(study, source)
-        for entry in entries
+        for entry, table in named
     ]
     columns = tuple(f"p_{'.'.join(path)}" for path in study.sweep)
     return Plan(entries, sources, metrics, tuple(trials), columns, tuple(dict.fromkeys(faults)))

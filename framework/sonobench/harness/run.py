@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -13,12 +13,10 @@ from sonobench.errors import InputError, SonobenchError, TableError
 from sonobench.harness import run_folder
 from sonobench.harness.cache import Cache
 from sonobench.harness.cell import Limits
-from sonobench.harness.rows import Row, planned_row
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sonobench.harness.plan import Plan
     from sonobench.harness.progress import Display
     from sonobench.harness.session import Job, Session
     from sonobench.scene.reference import Reference
@@ -246,8 +244,8 @@ def run_study(
         finally:
             journal.close()
             if complete:
-                run_folder.write_tables(folder, _trial_rows(session), _score_rows(session), planned.columns)
-    for fault, count in sorted(session.metric_faults().items()):
+                run_folder.write_tables(folder, session.trial_rows(), session.score_rows(), planned.columns)
+    for fault, count in sorted(session.metric_faults.items()):
         print(f"{fault} ({count} trials; see {folder / 'logs'}/score-*.log)", file=sys.stderr)
     return open_run(folder)
 
@@ -259,6 +257,7 @@ def _carry_out(
     session: Session, begin: Callable[[], None], how: Callable[[Session, Path, Tick], None] | None, display: Display | None
 ) -> None:
     from sonobench.harness.local import execute_here
+    from sonobench.harness.parts import numba_cache
     from sonobench.harness.progress import Tally
     from sonobench.harness.progress import display as suitable
 
@@ -272,7 +271,7 @@ def _carry_out(
         if how is None:
             execute_here(session, tick)
         elif session.ready:
-            how(session, _numba_cache(session.plan, session.cache), tick)
+            how(session, numba_cache(session.plan, session.cache), tick)
         tick([])
 
 
@@ -292,28 +291,6 @@ def _engine(name: str, jobs: int | None, scheduler: str | None) -> Callable[[Ses
         local.execute(session, workers, session.limits, numba_cache, tick)
 
     return on_dask if name == "dask" else here
-
-
-def _numba_cache(planned: Plan, cache: Cache) -> Path:
-    """Compiled code is kept by the digest of all sources that it could come from: Numba itself looks at one file only."""
-    from sonobench.harness.code import closure, numba_digest
-
-    parts = (*(e.pipeline for e in planned.entries), *(s.scene for s in planned.sources), *(m.metric for m in planned.metrics))
-    return cache.numba(numba_digest({"sonobench", *closure(*parts).modules}))
-
-
-def _trial_rows(session: Session) -> Iterator[Row]:
-    for trial in session.plan.trials:
-        row = session.finished.get(trial.trial_key) or session.ended(trial)
-        yield row or planned_row(trial, session.plan.columns) | {"exc_message": "the run ended before this trial"}
-
-
-def _score_rows(session: Session) -> Iterator[Row]:
-    shas = {m.label: m.sha for m in session.plan.metrics}
-    for trial in session.plan.trials:
-        for label, key in session.scored.get(trial.trial_key, ()):
-            for row in session.journal.recorded.scores.get(key, {}).get("rows", ()):
-                yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **row}
 
 
 def _found(run: str | Path) -> Path:

@@ -102,10 +102,18 @@ def write_tables(folder: Path, trials: Iterable[Row], scores: Iterable[Row], swe
     import pandas as pd
 
     frame = pd.DataFrame(list(trials), columns=[*_trial_columns(swept)]).astype(dict(TRIAL_COLUMNS))
+    with replacing(folder / "trials.parquet") as temporary:
+        frame.to_parquet(temporary, index=False)
+    write_scores(folder, scores)
+
+
+def write_scores(folder: Path, scores: Iterable[Row]) -> None:
+    """scores.parquet alone."""
+    import pandas as pd
+
     table = pd.DataFrame(list(scores), columns=[*SCORE_COLUMNS]).astype(dict(SCORE_COLUMNS))
-    for name, content in (("trials", frame), ("scores", table)):
-        with replacing(folder / f"{name}.parquet") as temporary:
-            content.to_parquet(temporary, index=False)
+    with replacing(folder / "scores.parquet") as temporary:
+        table.to_parquet(temporary, index=False)
 
 
 def read_table(folder: Path, name: str) -> pd.DataFrame:

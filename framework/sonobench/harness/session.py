@@ -6,8 +6,9 @@ every trial that needed it. The session decides and writes the journal; an engin
 
 from __future__ import annotations
 
+import os
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,11 @@ from sonobench.harness.parts import Codes, covered, keep_parts, pipeline_part, s
 from sonobench.harness.plan import Plan, PlannedTrial, Source
 from sonobench.harness.rows import Row, failed_row, planned_row, stands
 
+#: what names a trial in its row; the rest says what became of it
+_NAMES = (
+    *("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run"),
+    *("recording_key", "truth_sha", "scene_sha", "pipeline_sha"),
+)
 _OWN_FAILURES = ("error", "invalid", "crash", "timeout", "oom")  # of a trial that ran
 
 
@@ -56,7 +62,7 @@ class Session:
         limits: what each step may take.
         retry_failed: run failed trials and metrics again, though their code is unchanged.
         ready: jobs that may start now.
-        finished: rows by trial key, whatever became of them.
+        finished: keys of the trials that have ended, whatever became of them; their rows stand in the journal.
         failed: how many of these are not ok.
     """
 
@@ -70,17 +76,18 @@ class Session:
     limits: Limits = field(default_factory=Limits)
     retry_failed: bool = False
     ready: deque[Job] = field(default_factory=deque)
-    finished: dict[str, Row] = field(default_factory=dict)
+    finished: set[str] = field(default_factory=set)
     failed: int = 0
-    scored: dict[str, list[tuple[str, str]]] = field(default_factory=dict)  # trial key → (metric label, score key)
+    metric_faults: Counter[str] = field(default_factory=Counter)  # how many trials each fault of a metric cost
     _codes: Codes = field(init=False)
     _parts: dict[int, str] = field(default_factory=dict)  # names in parts.jsonl by `id` of entries and sources
     _id: str = field(default_factory=lambda: uuid4().hex)  # what an open step made may serve this session alone
-    _beyond: dict[str, list[str]] = field(default_factory=dict)  # of scenes, by recording key
+    _beyond: dict[str, Sequence[str]] = field(default_factory=dict)  # of scenes, by recording key
     _scored_now: set[str] = field(default_factory=set)
     _waiting: dict[str, list[PlannedTrial]] = field(default_factory=dict)
     _rows: dict[str, Row] = field(default_factory=dict)  # ended trials whose scores are not there yet
     _ran: set[str] = field(default_factory=set)
+    _templates: dict[tuple[int, int], Row] = field(default_factory=dict)  # what rows of a source and an entry share
 
     def __post_init__(self) -> None:
         self._codes = Codes.of(self.plan)
@@ -92,7 +99,7 @@ class Session:
     def modules(self) -> tuple[str, ...]:
         """All modules whose code the run's keys are made of; a plugin file is "file:" and its name."""
         groups = (self._codes.front_ends, self._codes.trackers, self._codes.scenes, self._codes.metrics)
-        return tuple(sorted({m for group in groups for found in group.values() for m in found.modules}))  # type: ignore[attr-defined]
+        return tuple(sorted({m for group in groups for found in group.values() for m in found.modules}))
 
     def begin(self, reverse: bool = False) -> None:
         """Queue the first jobs; what is already known needs none."""
@@ -101,15 +108,22 @@ class Session:
             known = self.journal.recorded.recordings.get(take.key)
             if take.source.scene is None:
                 known = take.source.sha, take.source.truth_sha
-            if take.source.scene is None or (known and self._complete(take, known)):
-                self._expand(take, *known)  # type: ignore[misc]
+            if known and (rows := self._complete(take, known)) is not None:
+                for trial, row in zip(take.trials, rows, strict=True):
+                    if trial.entry.pipeline is None:
+                        self._unavailable(row, trial.entry.reason)
+                    else:
+                        self._rows[trial.trial_key] = row
+                    self._finish(trial)
+            elif known and take.source.scene is None:  # a file is its own recording
+                self._expand(take, *known)
             elif failures := self._unrenderable(take):
                 self._rows |= failures
                 for trial in take.trials:
                     self._finish(trial)
             else:
-                about = {"home": take.source.home, "overrides": dict(take.source.overrides), "sha": take.source.sha}
-                task = self._task("render", take, **about, known=covered(self._codes.scenes[id(take.source)]))
+                about: dict[str, Any] = {"home": take.source.home, "overrides": dict(take.source.overrides), "sha": take.source.sha}
+                task = self._task("render", take, None, **about, known=covered(self._codes.scenes[id(take.source)]))
                 self.ready.append(Job({**task, "seed": take.seed}, take, take.trials, self._log(f"render-{take.key}")))
         if reverse:
             self.ready.reverse()
@@ -120,15 +134,29 @@ class Session:
             job, outcome
         )
 
-    def ended(self, trial: PlannedTrial) -> Row | None:
-        """The row of a trial that ended, though its scores may be missing."""
-        return self._rows.get(trial.trial_key) if trial.trial_key in self._ran else None
+    def trial_rows(self) -> Iterator[Row]:
+        """The row of every planned trial, in the plan's order."""
+        stored = self.journal.recorded.trials
+        for trial in self.plan.trials:
+            if trial.trial_key in self.finished or trial.trial_key in self._ran:
+                yield stored[trial.trial_key]
+            else:
+                yield planned_row(trial, self.plan.columns) | {"exc_message": "the run ended before this trial"}
 
-    def metric_faults(self) -> dict[str, int]:
-        """How many trials each fault of a metric cost, by message."""
-        scores = self.journal.recorded.scores
-        faults = [f"metric {label}: {e}" for keys in self.scored.values() for label, k in keys if (e := scores.get(k, {}).get("error"))]
-        return dict(Counter(faults))
+    def score_rows(self) -> Iterator[Row]:
+        """The score rows of every trial that ended, in the plan's order; what metrics failed on is counted meanwhile."""
+        self.metric_faults.clear()
+        shas = {m.label: m.sha for m in self.plan.metrics}
+        trials, scores = self.journal.recorded.trials, self.journal.recorded.scores
+        for trial in self.plan.trials:
+            if trial.trial_key not in self.finished and trial.trial_key not in self._ran:
+                continue
+            for label, key in self._score_keys(trial, trials[trial.trial_key]):
+                stored = scores.get(key, {})
+                for row in stored.get("rows", ()):
+                    yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **row}
+                if "error" in stored:
+                    self.metric_faults[f"metric {label}: {stored['error']}"] += 1
 
     def _takes(self) -> list[Take]:
         groups: dict[tuple[int, int | None], list[PlannedTrial]] = {}
@@ -237,9 +265,7 @@ class Session:
     def _score_jobs(self, take: Take, trial: PlannedTrial) -> list[Job]:
         """The scoring that a trial still needs; with none it is finished."""
         row = self._rows[trial.trial_key]
-        keys = self._score_keys(trial, row)
-        self.scored[trial.trial_key] = keys
-        missing = [(label, key) for label, key in keys if not self._is_scored(key)]
+        missing = [(label, key) for label, key in self._score_keys(trial, row) if not self._is_scored(key)]
         if not missing:
             self._finish(trial)
             return []
@@ -295,14 +321,19 @@ class Session:
 
     def _planned(self, trial: PlannedTrial, take: Take) -> Row:
         attempts = self.journal.recorded.trials.get(trial.trial_key, {}).get("attempts", 0)
+        own = {"trial_key": trial.trial_key, "repetition": trial.repetition, "run": trial.run, "attempts": attempts + 1}
+        pair = id(trial.source), id(trial.entry)
+        if pair not in self._templates:
+            self._templates[pair] = self._template(trial)
+        return self._templates[pair] | own | {"recording_key": take.key}
+
+    def _template(self, trial: PlannedTrial) -> Row:
         given = () if trial.entry.pipeline is None else trial.entry.pipeline.given
         code = self._codes.trackers.get(trial.entry.name)
         parts = {"scene_sha": self._parts[id(trial.source)], "pipeline_sha": self._parts[id(trial.entry)]}
         about = {
             **parts,
-            "recording_key": take.key,
             "code_sha": code.digest if code else "",
-            "attempts": attempts + 1,
             "given": ",".join(given),
             "env_id": self.env_id,
         }
@@ -345,39 +376,27 @@ class Session:
     def _reusable(self, row: Row) -> Row | None:
         """The stored row of the same output, under this trial's name."""
         stored = self.journal.recorded.outputs.get(row["estimate_key"])
-        if stored is None or stored["open"] or not (self.folder / stored["estimates_path"]).exists():
+        if stored is None or stored["open"] or not os.path.exists(f"{self.folder}/{stored['estimates_path']}"):
             return None
         return self._under_this_name(stored, row)
 
     def _under_this_name(self, stored: Row, row: Row) -> Row:
-        about = (
-            "trial_key",
-            "study",
-            "pipeline",
-            "distribution",
-            "version",
-            "scene",
-            "repetition",
-            "run",
-            "recording_key",
-            "truth_sha",
-            "scene_sha",
-            "pipeline_sha",
-        )
-        return stored | {k: row[k] for k in (*about, *self.plan.columns)}
+        return stored | {k: row[k] for k in (*_NAMES, *self.plan.columns)}
 
-    def _complete(self, take: Take, hashes: tuple[str, str]) -> bool:
-        """Whether every trial of a recording is there, scores too, so that it need not be rendered."""
+    def _complete(self, take: Take, hashes: tuple[str, str]) -> list[Row] | None:
+        """The rows of a recording's trials, where all are there, scores too, so that it need not be rendered."""
+        rows = []
         for trial in take.trials:
             row = self._planned(trial, take) | {"input_sha": hashes[0], "truth_sha": hashes[1], "status": "unavailable"}
             if trial.entry.pipeline is not None:
                 reused = self._kept(row | {"estimate_key": self._codes.estimate_key(trial.entry, hashes[0], trial.run)})
                 if reused is None:
-                    return False
+                    return None
                 row = reused
             if not all(self._is_scored(key) for _, key in self._score_keys(trial, row)):
-                return False
-        return True
+                return None
+            rows.append(row)
+        return rows
 
     def _end(self, row: Row) -> None:
         """A trial has its row; it is safe before anything is scored."""
@@ -387,10 +406,18 @@ class Session:
 
     def _finish(self, trial: PlannedTrial) -> None:
         row = self._rows.pop(trial.trial_key)
-        self.finished[trial.trial_key] = row
+        self.finished.add(trial.trial_key)
+        if trial.trial_key not in self._ran:
+            self._adopt(row)
         self.failed += row["status"] != "ok"
         if trial.trial_key in self._ran:
             self.observe(row)
+
+    def _adopt(self, row: Row) -> None:
+        """Have the journal say what a kept row says: it may come from another trial, or from before something was renamed."""
+        stored = self.journal.recorded.trials.get(row["trial_key"])
+        if stored is None or any(stored.get(k) != row.get(k) for k in (*_NAMES, *self.plan.columns, "status", "estimate_key")):
+            self.journal.add(trial=row)
 
     def _log(self, name: str) -> Path:
         return self.folder / "logs" / f"{name}.log"

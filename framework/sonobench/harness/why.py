@@ -178,9 +178,9 @@ def _verdict(trial: PlannedTrial, codes: Codes, row: Row, changed: Sequence[str]
         return "it is open: the next run repeats it"
     if changed:
         return "the next run repeats what depends on the change"
-    if trial.entry.pipeline is not None and row["input_sha"]:
-        if codes.estimate_key(trial.entry, row["input_sha"], trial.run) != row["estimate_key"]:
-            return "its key has changed: the next run repeats it"
+    runs = trial.entry.pipeline is not None and row["input_sha"]
+    if runs and codes.estimate_key(trial.entry, row["input_sha"], trial.run) != row["estimate_key"]:
+        return "its key has changed: the next run repeats it"
     if row["status"] in ("timeout", "oom"):
         return "the next run repeats it if the limit that it met is higher, or with --retry failed"
     return "the next run keeps it" if row["status"] == "ok" else "the next run keeps it, unless with --retry failed"
