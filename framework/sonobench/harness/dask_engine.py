@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sonobench.errors import InputError, UnavailableError
+from sonobench.errors import InputError
 from sonobench.harness.cell import Limits, Outcome
 from sonobench.harness.chunk import Chunk, abandon, carry_out
 from sonobench.harness.code import code
@@ -40,14 +40,13 @@ def connected(jobs: int, scheduler: str | None) -> Iterator[Client]:
     """A client of the scheduler at an address, or of a cluster of `jobs` workers on this machine that ends with the block.
 
     Raises:
-        UnavailableError: `distributed` is not installed.
-        InputError: no scheduler answers, or it has no workers.
+        InputError: `distributed` is not installed, no scheduler answers, or it has no workers.
     """
     try:
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise UnavailableError(f"--engine dask: {error}; pip install 'sonobench[dask]'") from None
+        raise InputError(f"--engine dask: {error}; pip install 'sonobench[dask]'") from None
     settings = {
         "distributed.scheduler.allowed-failures": 0,
         "distributed.admin.system-monitor.gil.enabled": False,
@@ -137,9 +136,7 @@ class _Crew:
         self._refuse_faults(future)
         for job in jobs:
             self._losses[_name(job)] += 1
-            if self._losses[_name(job)] < _LOSSES:
-                self._alone.append(job)
-            elif len(jobs) > 1:
+            if self._losses[_name(job)] < _LOSSES or len(jobs) > 1:
                 self._alone.append(job)
             else:
                 done.append((job, Outcome("crash", exc_type="CellDied", exc_message=f"its Dask worker died {_LOSSES} times under it")))
@@ -193,7 +190,9 @@ class _Crew:
             return
         if isinstance(error, InputError):
             raise error
-        raise InputError(f"a Dask worker could not start a trial ({type(error).__name__}: {error}); it needs the same sonobench as this process")
+        raise InputError(
+            f"a Dask worker could not start a trial ({type(error).__name__}: {error}); it needs the same sonobench as this process"
+        )
 
     def _ask(self, function: Callable[..., Any], *args: Any, **options: Any) -> Any:
         try:
