@@ -74,7 +74,9 @@ def write(path: Path, draws: list[np.ndarray], settings: int = 1) -> None:
         own = {"trial_key": keys[-1], "pipeline": "abcdefgh"[p], "scene": f"room{s // settings:02d}", column: 10.0 * (s % settings)}
         trials.append(blank | own | {"repetition": r, "status": "ok", "frames": 100, "tracker_s": 0.1, "distribution": "simulated"})
     common = {"metric_sha": "", "slice": "", "weight": 1.0, "unit": "m", "better": "lower", "pool": "mean", "coverage": 1.0}
-    scores = pd.concat([pd.DataFrame({"trial_key": keys, "metric": m, "value": v.ravel(), **common}) for m, v in zip(labels, draws, strict=True)])
+    scores = pd.concat(
+        [pd.DataFrame({"trial_key": keys, "metric": m, "value": v.ravel(), **common}) for m, v in zip(labels, draws, strict=True)]
+    )
     run_folder.write_tables(path, trials, scores.to_dict("records"), [column])
 
 

@@ -58,7 +58,7 @@ def attribution(
     if role not in ROLES:
         raise InputError(f"--attribute {role}: no such role{did_you_mean(role, ROLES) or f'; there are {sorted(ROLES)}'}")
     rows = select.of_metric(scores, metric)
-    there = {name: entries[name] for name in sorted(set(trials["pipeline"]) & set(entries))}
+    there = {name: entries[name] for name in sorted(set(trials["pipeline"].unique()) & set(entries))}
     if not there:
         raise InputError("--attribute: the run does not say what its entries are made of; run it again (finished trials are kept)")
     pairs = list(pairs_of(there, role))

@@ -49,7 +49,7 @@ def known_pipeline(trials: pd.DataFrame, name: str) -> None:
     Raises:
         InputError: it is not, and what is.
     """
-    there = set(trials["pipeline"])
+    there = set(trials["pipeline"].unique())
     if name not in there:
         raise InputError(f"no pipeline {name!r} to compare with; the board has {sorted(there)}{did_you_mean(name, there)}")
 

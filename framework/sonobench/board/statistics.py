@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sonobench.board.bootstrap import Draws
+from sonobench.board.bootstrap import Draws, combined
 from sonobench.types import Bools, Floats, Ints
 
 #: units below which neither the bootstrap nor an exact signed test (2 / 2^n < .05) says anything at 5 %
@@ -144,8 +144,9 @@ def pairwise(values: Floats) -> tuple[list[tuple[int, int]], Floats]:
     pairs = list(itertools.combinations(range(values.shape[1]), 2))
     if not pairs:
         return [], np.zeros(0)
+    eye = np.eye(values.shape[1])
     left, right = np.array(pairs).T
-    return pairs, holm(sign_flip(values[:, left] - values[:, right]))
+    return pairs, holm(sign_flip(combined(values, eye[:, left] - eye[:, right])))
 
 
 def letters(size: int, separated: Iterable[tuple[int, int]]) -> list[str]:
