@@ -143,7 +143,7 @@ def _two_styles(axes: Any, x: Array, y: Array, truth: Truth, n: int) -> None:
     """The true path of target n: dotted throughout, wide where it sounds."""
     active = truth.active[:, n]
     if n == 0:
-        axes.plot([], [], ":", lw=1.5, color=_INK, label="silent")
+        axes.plot([], [], ":", lw=1.5, color=_INK, label="path; thick: it sounds")
     axes.plot(x, y, ":", lw=1.5, color=_colour(n))
     sounding = (np.where(active, x, np.nan), np.where(active, y, np.nan))
     axes.plot(*sounding, "-", lw=5, alpha=0.55, color=_colour(n), label=f"target {truth.label[n]}")
