@@ -42,8 +42,9 @@ def execute(session: Session, jobs: int, limits: Limits, numba_cache: Path, tick
 
 def execute_here(session: Session, tick: Callable[[Iterable[Job]], None]) -> None:
     """Carry out a session's jobs in this process: no isolation, no limits, and a trial's exception is a row all the same."""
-    from sonobench.harness.trial import perform
+    from sonobench.harness.trial import forget, perform
 
+    forget()
     while session.ready:
         job = session.ready.popleft()
         tick([job])

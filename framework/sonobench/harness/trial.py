@@ -265,6 +265,12 @@ def _warm(step: str, pipeline: Mapping[str, Any], first: Callable[[], Any]) -> N
             first()
 
 
+def forget() -> None:
+    """Build components anew: in a process that lives on, their modules may be others than before."""
+    _loaded.cache_clear()
+    _built.cache_clear()
+
+
 def _registry(task: Task) -> Registry:
     registry = _loaded(tuple(task["plugins"].items()))
     if (found := {str(p.path): p.version for p in registry.plugins if p.path is not None}) != task["plugins"]:
