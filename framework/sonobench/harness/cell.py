@@ -132,13 +132,15 @@ class Cell:
             os.close(self._to)
             os.close(self._from)
             self._to = self._from = -1
+        if self._process is not None:
+            self._process.terminate()  # heeded only while it imports and has nothing below it
 
     def _wait(self, until: float) -> None:
         if self._process is None:
             return
         try:
             self._process.wait(timeout=max(until - time.monotonic(), 0))
-        except subprocess.TimeoutExpired:  # it is still importing, or stopped
+        except subprocess.TimeoutExpired:  # it is stopped, or starved
             self._process.kill()
             self._process.wait()
             end_marked(self._mark)

@@ -121,6 +121,7 @@ def _serve_all(inlet: int, outlet: int) -> None:
     sys.path[:] = hello["path"]
     make_ready(hello["warm"])
     perform = _named(hello["perform"])
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # up to here it ended us at once; from now on there is a worker to be ended first
     worker = _fork(parent, perform)
     while (limits := parent.next()) is not None and (task := parent.next()) is not None:
         answer, kept = _serve(worker, task, pickle.loads(limits), parent)
@@ -255,6 +256,7 @@ def _become_worker(guard: int, output: int) -> None:
     if os.getppid() != guard:
         os._exit(0)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(OSError):  # a read-only /proc
         Path("/proc/self/oom_score_adj").write_text("1000")  # a hog that outruns the watch dies before anybody else
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

@@ -155,6 +155,17 @@ def test_a_folder_of_a_run_that_was_killed_while_it_was_made_is_taken_up(folder)
     assert not list((folder / "run").rglob("*.tmp"))
 
 
+def test_the_line_that_follows_a_torn_one_is_not_lost(folder):
+    loaded = study(folder, ["guesser", "raise"])
+    run(loaded)
+    journal = folder / "run/journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-30])
+    run(loaded)
+    mended = journal.read_bytes()
+    run(loaded)
+    assert journal.read_bytes() == mended
+
+
 def test_an_estimates_file_that_is_gone_is_made_again(folder):
     loaded = study(folder, ["guesser", "raise"])
     first = run(loaded)
