@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 
 from sonobench import Registry, Scene, identical, open_recording, replay
 from sonobench.components import build
-from sonobench.log import Recording
+from sonobench.log import Recording, write_recording
 
 INPUT_SHA = "7677a859dc537d536ca25ec537045d803c08c9aba9e3022c99254a423eea4d45"
 TRUTH_SHA = "c6cc2b593c1aeebbb2a47f122d56974bc1ba5e49a038ae0820691f88d0fbda94"
@@ -55,6 +56,22 @@ def test_a_renamed_copy_in_another_process_gives_the_same_bits(golden: Recording
         command = [sys.executable, "-m", "sonobench", "replay", name, "--pipeline", "smc-phd", "-o", "out.mcap"]
         subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
     assert (tmp_path / "0/out.mcap").read_bytes() == (tmp_path / "1/out.mcap").read_bytes()
+
+
+def test_scrambled_truth_changes_neither_what_a_pipeline_may_read_nor_its_estimates(registry: Registry, tmp_path: Path) -> None:
+    rendering = Scene.load("golden", registry).simulate(5)
+    truth = rendering.truth
+    scrambled = dataclasses.replace(
+        truth, position=truth.position[::-1] + 1.0, label=truth.label[::-1], exists=~truth.exists, active=~truth.exists
+    )
+    paths = [tmp_path / "true.mcap", tmp_path / "scrambled.mcap"]
+    for path, held in zip(paths, (truth, scrambled), strict=True):
+        write_recording(path, rendering._replace(truth=held))
+    true, false = map(open_recording, paths)
+    assert true.truth_sha != false.truth_sha
+    assert true.input_sha == false.input_sha
+    pipeline = build("pipeline", "smc-phd", registry)
+    assert identical(replay(pipeline, true), replay(pipeline, false))
 
 
 @pytest.mark.parametrize("pipeline", ["ck-phd", "ek-phd", "uk-phd", "smc-phd"])

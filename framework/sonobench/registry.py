@@ -83,11 +83,16 @@ class Registry:
         self._classes: dict[tuple[str, str], type | Mapping[str, Any]] = {}
 
     @classmethod
-    def load(cls, plugins: Iterable[str | Path] = (), *, entry_points: bool = True) -> Registry:
+    def load(cls, plugins: Iterable[str | Path] = (), *, entry_points: bool = True, strict: bool = True) -> Registry:
         """All installed plugins, and these files.
 
+        Args:
+            plugins: files to load.
+            entry_points: load installed plugins too.
+            strict: a file that cannot be loaded is an error; else it is only listed with its reason, as an installed one is.
+
         Raises:
-            PluginError: a file that was asked for cannot be loaded (an installed one is only listed with its reason).
+            PluginError: with `strict`, a file that cannot be loaded; always, one that is missing.
         """
         registry = cls()
         if entry_points:
@@ -97,7 +102,7 @@ class Registry:
                 dist = point.dist
                 registry._add(Plugin(point.name, dist.name if dist else "unknown", dist.version if dist else ""), point.load)
         for file in dict.fromkeys(Path(p) for p in plugins):
-            registry.add_file(file)
+            registry.add_file(file, strict)
         return registry
 
     @property
@@ -105,11 +110,11 @@ class Registry:
         """The plugin files that were loaded, for a worker to load again."""
         return [p.path for p in self.plugins if p.path is not None]
 
-    def add_file(self, path: Path) -> None:
+    def add_file(self, path: Path, strict: bool = True) -> None:
         """Load one plugin file.
 
         Raises:
-            PluginError: it is missing, raises, registers nothing, or misspells a hook.
+            PluginError: it is missing; with `strict` also if it raises, registers nothing, or misspells a hook.
         """
         if not path.is_file():
             raise PluginError(f"{path}: no such plugin file")
@@ -122,7 +127,7 @@ class Registry:
         if twin is not None:
             raise PluginError(f"{path}: is a copy of {twin.name}, which is loaded already; name one of them")
         loaded = self._add(plugin, lambda: load_file(path.resolve(), digest))
-        if loaded.reason:
+        if loaded.reason and strict:
             raise PluginError(f"{path}: {loaded.reason}\n{loaded.details}".rstrip())
 
     def _add(self, plugin: Plugin, load: Any) -> Plugin:

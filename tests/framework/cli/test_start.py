@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -62,3 +63,23 @@ def test_the_lazy_facade_offers_what_it_says() -> None:
 
 def test_listing_plugins_imports_no_pandas() -> None:
     assert not modules_after(["data", "list"]) & {"pandas", "numba", "matplotlib"}
+
+
+def test_checking_a_plugin_that_ends_the_process_is_a_failed_check(tmp_path: Path) -> None:
+    (tmp_path / "rude.py").write_text(
+        "import os\nfrom dataclasses import dataclass\nfrom sonobench import hookimpl\n\n"
+        "@dataclass(frozen=True)\nclass Rude:\n    def correlate(self, spectra, pairs):\n        os._exit(0)\n\n"
+        "@hookimpl\ndef sonobench_components():\n    return {'delay': {'rude': Rude}}\n"
+    )
+    done = subprocess.run([sys.executable, "-m", "sonobench", "plugins", "check", "rude.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 3
+    assert "ended the process" in done.stdout
+
+
+def test_a_broken_plugin_file_is_listed_with_its_reason(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("import nothing_of_that_name\n")
+    command = [sys.executable, "-m", "sonobench", "plugins", "list", "--plugin", "broken.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "broken.py" in done.stdout
+    assert "unavailable: ModuleNotFoundError: No module named 'nothing_of_that_name'" in done.stdout
