@@ -55,10 +55,12 @@ def render(board: pd.DataFrame | Sequence[pd.DataFrame], format: str = "text") -
 
 def _one_table(board: pd.DataFrame | Sequence[pd.DataFrame]) -> pd.DataFrame:
     if isinstance(board, pd.DataFrame):
-        table = board.copy(deep=False)
+        by = board.attrs.get("by")
+        mixed = by is not None and len({isinstance(v, str) for v in board[by].dropna()}) > 1
+        table = board.assign(**{str(by): board[by].astype("string")}) if mixed else board.copy(deep=False)
         table.attrs = _plain(board.attrs)
         return table
-    named = [one.assign(metric=_metric(one)) for one in board]
+    named = [_one_table(one).assign(metric=_metric(one)) for one in board]
     table = pd.concat(named, ignore_index=True)
     table.attrs = {"boards": [_plain(one.attrs) for one in board]}
     return table[["metric", *(c for c in table.columns if c != "metric")]]
