@@ -21,9 +21,11 @@ from pathlib import Path
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
+_LOCAL = "sonobench_plugin_"  # modules of plugin files are named by their content
 _BOUNDARY = "sonobench.harness.trial"  # below this module's frames stands the harness, not a component
-_IMPORTED: dict[str, set[str]] = {}  # modules by the module that imported them
-_READ: dict[str, set[str]] = {}  # files by the module that opened them
+# by reader: a module's file, or its name where that is made of the content (a plugin file's)
+_IMPORTED: dict[str, set[str]] = {}  # names of modules
+_READ: dict[str, set[str]] = {}  # files
 _OUTSIDE: dict[str, set[str]] = {}  # programs and connections, in words
 _WRITTEN: set[str] = set()
 _LOADED_NS: dict[str, int] = {}  # when a source was last changed, as a module was made of it
@@ -74,21 +76,21 @@ def beyond(known: Collection[str], files: Mapping[str, int], allowed: Sequence[s
         allowed: folders and files that anybody may read.
     """
     found: set[str] = set()
-    todo, seen = list(known), set(known)
-    sources = {*files, *(str(getattr(sys.modules.get(m), "__file__", None)) for m in known)}
+    seen, sources = set(known), set(files)
+    readers = [(name.partition(".")[0], _key(name)) for name in known]
     roots = (*_SYSTEM, *_installed(), *(str(Path(a).resolve()) for a in allowed), *allowed)
-    while todo:
-        module = todo.pop()
-        found |= _OUTSIDE.get(module, set())
-        for name in sorted(_IMPORTED.get(module, set()) - seen):
-            if not _has_version(name, module):
+    paths: set[str] = set()
+    while readers:
+        root, reader = readers.pop()
+        found |= _OUTSIDE.get(reader, set())
+        paths |= {p for p in map(_source, _READ.get(reader, ())) if p is not None}
+        for name in sorted(_IMPORTED.get(reader, set()) - seen):
+            if not _has_version(name, root):
                 found.add(f"module {name}")
                 seen.add(name)
-                todo.append(name)
+                readers.append((name.partition(".")[0], _key(name)))
                 sources.add(str(getattr(sys.modules.get(name), "__file__", None)))
-    for module in seen:
-        paths = {p for p in map(_source, _READ.get(module, ())) if p is not None} - _WRITTEN
-        found |= {f"file {p}" for p in paths - sources if not _is_below(p, roots) and os.path.exists(p)}
+    found |= {f"file {p}" for p in paths - sources - _WRITTEN if not _is_below(p, roots) and os.path.exists(p)}
     return sorted(found | _changed(known, files))
 
 
@@ -113,8 +115,8 @@ def _noted_import(
     level: int = 0,
 ) -> ModuleType:
     module = _import(name, globals, locals, fromlist or (), level)
-    reader = (globals or {}).get("__name__") if _state["depth"] else None
-    if isinstance(reader, str) and _is_of_interest(reader, globals.get("__file__")):  # type: ignore[union-attr]
+    reader = _interesting(globals or {}) if _state["depth"] else None
+    if reader is not None:
         base = module.__name__ if fromlist else name
         found = _IMPORTED.setdefault(reader, set())
         if not level or fromlist:
@@ -184,23 +186,35 @@ def _reader(frame: FrameType | None) -> str | None:
         name = frame.f_globals.get("__name__")
         if name == _BOUNDARY:
             break
-        if isinstance(name, str) and _is_of_interest(name, frame.f_globals.get("__file__")):
+        if (found := _interesting(frame.f_globals)) is not None:
             if frame.f_code.co_name != "__getattr__":
-                return name
-            facade = facade or name
+                return found
+            facade = facade or found
         frame = frame.f_back
     return facade
 
 
+def _interesting(globals: Mapping[str, Any]) -> str | None:
+    """The reader whose code has these globals, None if it is not of interest."""
+    name, file = globals.get("__name__"), globals.get("__file__")
+    if not isinstance(name, str) or not isinstance(file, str) or not _is_of_interest(name, file):
+        return None
+    return name if name.startswith(_LOCAL) else file
+
+
+def _key(name: str) -> str:
+    return name if name.startswith(_LOCAL) else str(getattr(sys.modules.get(name), "__file__", None))
+
+
 @cache
-def _is_of_interest(name: str, file: str | None) -> bool:
+def _is_of_interest(name: str, file: str) -> bool:
     root = name.partition(".")[0]
-    if root in ("sonobench", "__main__", "builtins") or root in sys.stdlib_module_names or file is None:
+    if root in ("sonobench", "__main__", "builtins") or root in sys.stdlib_module_names:
         return False
     return root in _PLUGIN_ROOTS or not _is_below(file, _installed())
 
 
-def _has_version(name: str, importer: str) -> bool:
+def _has_version(name: str, importers_root: str) -> bool:
     """Whether a version stands for a module's code (an installed one's, or Python's); sonobench's packages hold only re-exports."""
     root = name.partition(".")[0]
     module = sys.modules.get(name)
@@ -211,7 +225,7 @@ def _has_version(name: str, importer: str) -> bool:
     file = getattr(module, "__file__", None)
     if file is None:  # built in, or a namespace that holds no code
         return True
-    return root != importer.partition(".")[0] and _is_below(file, _installed())
+    return root != importers_root and _is_below(file, _installed())
 
 
 def _source(path: str) -> str | None:
