@@ -64,11 +64,13 @@ def scenarios(attrs: dict[str, Any], found: Measured, differences: Floats) -> li
     if attrs["over"] != "scenarios" or not swept or attrs["scenarios"] == attrs["scenes"]:
         return []
     columns = statistics.joined([c.removeprefix("p_") for c in swept])
-    text = f"a scenario is a scene with its swept values ({columns}): {attrs['scenarios']} of {attrs['scenes']} scenes; --by splits them"
+    text = f"a scenario is a scene with its swept values ({columns}): {attrs['scenarios']} of {attrs['scenes']} scenes, taken as independent; --by splits them"
     effect = float(statistics.design_effect(differences, found.units.groups).max(initial=1.0)) if len(differences) > 1 else 1.0
     if effect < _ALIKE:
         return [f"{text}."]
-    return [f"{text}. Those of one scene differ alike: over scenes the standard error of a difference is {effect:.1f} times as large."]
+    return [
+        f"{text}. They are not: over scenes the standard error of a difference is {effect:.1f} times as large, and intervals are too narrow."
+    ]
 
 
 def skew(pairs: list[tuple[str, str]], differences: Floats) -> list[str]:

@@ -81,7 +81,7 @@ def info(recording: str, plugins: tuple[str, ...], as_json: bool) -> None:
 @plugin_option
 @json_option
 def validate(file: Path, plugins: tuple[str, ...], as_json: bool) -> None:
-    """Read a recording (.mcap), a scene or a study (.toml) to its end and report the first fault, or all faults of a table."""
+    """Read a recording (.mcap), a scene, a study or a reference (.toml) to its end and report the first fault, or all faults of a table."""
     from sonobench.errors import InputError
     from sonobench.log import open_recording
 
@@ -93,16 +93,20 @@ def validate(file: Path, plugins: tuple[str, ...], as_json: bool) -> None:
         described["sample_blocks"] = sum(1 for _ in recording.blocks())
         described["scans"] = sum(1 for _ in recording.scans())
     else:
-        raise InputError(f"{file}: a recording ends in .mcap, a scene or study in .toml")
+        raise InputError(f"{file}: a recording ends in .mcap, a scene, study or reference in .toml")
     emit({**described, "valid": True}, _text(described) + "\nvalid", as_json)
 
 
 def _validated_table(file: Path, plugins: tuple[str, ...]) -> dict[str, Any]:
     from sonobench.registry import Registry
     from sonobench.scene import Scene, Study
+    from sonobench.scene.reference import Reference
     from sonobench.tables import read_toml
 
     table = read_toml(file)
+    if "citation" in table:
+        reference = Reference.load(str(file), Registry.load(plugins))
+        return {"reference": reference.name, "citation": reference.citation, "tables": [t.table for t in reference.tables]}
     if "pipelines" in table:
         study = Study.load(str(file), plugins=plugins)
         return {"study": str(file), "trials": len(study.plan())}
