@@ -77,7 +77,8 @@ def write(path: Path, draws: list[np.ndarray], settings: int = 1) -> None:
     scores = pd.concat(
         [pd.DataFrame({"trial_key": keys, "metric": m, "value": v.ravel(), **common}) for m, v in zip(labels, draws, strict=True)]
     )
-    run_folder.write_tables(path, trials, scores.to_dict("records"), {column: [10.0 * k for k in range(settings)]})
+    run_folder.write_tables(path, [(t, []) for t in trials], {column: [10.0 * k for k in range(settings)]})
+    run_folder.write_scores(path, scores.to_dict("records"))
 
 
 def _read(board: pd.DataFrame) -> tuple[bool, ...]:

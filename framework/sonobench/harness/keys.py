@@ -33,13 +33,11 @@ class Json(str):
 
 def key(**parts: Any) -> str:
     """SHA-256 (first 32 hexadecimal digits) of named parts as canonical JSON."""
-    text = ",".join([f'"{name}":{_text(parts[name])}' for name in sorted(parts)])
+    text = ",".join([f'"{name}":{part if type(part) is Json else _text(part)}' for name, part in sorted(parts.items())])
     return hashlib.sha256(f"{{{text}}}".encode()).hexdigest()[:32]
 
 
 def _text(part: Any) -> str:
-    if isinstance(part, Json):
-        return part
     if type(part) is str:
         return encode_basestring(part)
     return str(part) if type(part) is int else Json.of(part)

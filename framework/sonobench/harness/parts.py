@@ -33,7 +33,7 @@ class Codes:
     scenes: Mapping[int, Closure]
     metrics: Mapping[str, Closure]
     _made: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)  # what many keys share
-    _scans: dict[tuple[str, str], str] = field(default_factory=dict, repr=False, compare=False)
+    _scans: dict[tuple[Any, ...], str] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, plan: Plan) -> Codes:
@@ -54,13 +54,12 @@ class Codes:
         """Of an entry's front end on a recording; "" where the entry is unavailable."""
         if entry.pipeline is None:
             return ""
-        if (found := self._scans.get((entry.name, input_sha))) is None:
-            table, code = self._once(
-                "front_end", entry.name, lambda: (Json.of(entry.table["front_end"]), self.front_ends[entry.name].digest)
-            )
+        given = entry.pipeline.given
+        table, code = self._once("front_end", entry.name, lambda: (Json.of(entry.table["front_end"]), self.front_ends[entry.name].digest))
+        if (found := self._scans.get((input_sha, table, given, code))) is None:
             if len(self._scans) >= _KEPT:
                 self._scans.clear()
-            found = self._scans[entry.name, input_sha] = scans_key(input_sha, table, entry.pipeline.given, code)
+            found = self._scans[input_sha, table, given, code] = scans_key(input_sha, table, given, code)
         return found
 
     def estimate_key(self, entry: PipelineEntry, input_sha: str, run: int) -> str:

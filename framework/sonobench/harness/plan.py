@@ -143,6 +143,15 @@ class Plan:
         sources = tuple(s for s in self.sources if any(t.source is s for t in kept))
         return replace(self, entries=entries, sources=sources, trials=tuple(kept))
 
+    @property
+    def swept(self) -> dict[str, list[Any]]:
+        """The values of each swept column; None among them where a trial has none."""
+        found: dict[str, list[Any]] = {}
+        for name in self.columns:
+            parts: Sequence[Source] | Sequence[PipelineEntry] = self.entries if name.startswith("p_pipelines.") else self.sources
+            found[name] = list(dict.fromkeys(part.swept.get(name) for part in parts))
+        return found
+
     def __len__(self) -> int:
         return len(self.trials)
 
@@ -152,21 +161,27 @@ class Plan:
 
 def plan(study: Study) -> Plan:
     """Every trial, in the order source, repetition, entry."""
+    whole = outline(study)
+    named = [(entry, Json.of({"name": entry.name, **entry.table})) for entry in whole.entries]
+    trials = [
+        PlannedTrial(trial_key(source.sha, seed, table, run), study.name, source, entry, repetition, run, seed)
+        for source in whole.sources
+        for repetition, run, seed in _repetitions(study, source)
+        for entry, table in named
+    ]
+    return replace(whole, trials=tuple(trials))
+
+
+def outline(study: Study) -> Plan:
+    """A plan without its trials: what they are made of, and the faults."""
     where = f"{study.name}.toml:"
     faults: list[str] = []
     entries = tuple(_entries(study, where, faults))
     sources = (*_scenes(study, where, faults), *_files(study, where, faults))
     faults += [f"{where} {fault}" for fault in _twins(sources)]
     metrics = tuple(_metrics(study, where, faults))
-    named = [(entry, Json.of({"name": entry.name, **entry.table})) for entry in entries]
-    trials = [
-        PlannedTrial(trial_key(source.sha, seed, table, run), study.name, source, entry, repetition, run, seed)
-        for source in sources
-        for repetition, run, seed in _repetitions(study, source)
-        for entry, table in named
-    ]
     columns = tuple(f"p_{'.'.join(path)}" for path in study.sweep)
-    return Plan(entries, sources, metrics, tuple(trials), columns, tuple(dict.fromkeys(faults)))
+    return Plan(entries, sources, metrics, (), columns, tuple(dict.fromkeys(faults)))
 
 
 def _repetitions(study: Study, source: Source) -> Iterator[tuple[int, int, int | None]]:

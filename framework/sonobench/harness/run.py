@@ -244,7 +244,7 @@ def run_study(
         finally:
             journal.close()
             if complete:
-                run_folder.write_tables(folder, session.trial_rows(), session.score_rows(), planned.columns)
+                run_folder.write_tables(folder, session.rows(), planned.swept)
     for fault, count in sorted(session.metric_faults.items()):
         print(f"{fault} ({count} trials; see {folder / 'logs'}/score-*.log)", file=sys.stderr)
     return open_run(folder)

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sonobench.errors import InputError
-from sonobench.files import is_temporary, replace_file, replacing, temporaries
+from sonobench.files import is_temporary, replace_file, temporaries
+from sonobench.harness.compaction import dtype_of, writer
 from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
 
 if TYPE_CHECKING:
@@ -97,23 +98,26 @@ def _uninterrupted() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def write_tables(folder: Path, trials: Iterable[Row], scores: Iterable[Row], swept: Sequence[str]) -> None:
-    """Compact to trials.parquet and scores.parquet."""
-    import pandas as pd
+def write_tables(folder: Path, rows: Iterable[tuple[Row, Sequence[Row]]], swept: Mapping[str, Sequence[Any]]) -> None:
+    """Compact to trials.parquet and scores.parquet.
 
-    frame = pd.DataFrame(list(trials), columns=[*_trial_columns(swept)]).astype(dict(TRIAL_COLUMNS))
-    with replacing(folder / "trials.parquet") as temporary:
-        frame.to_parquet(temporary, index=False)
-    write_scores(folder, scores)
+    Args:
+        rows: of each trial, with its scores.
+        swept: the values that each `p_*` column takes, None among them where some rows have none.
+    """
+    trials = _trial_columns({name: dtype_of(values) for name, values in swept.items()})
+    with writer(folder / "trials.parquet", trials) as add_trial, writer(folder / "scores.parquet", SCORE_COLUMNS) as add_score:
+        for trial, scores in rows:
+            add_trial(trial)
+            for score in scores:
+                add_score(score)
 
 
 def write_scores(folder: Path, scores: Iterable[Row]) -> None:
     """scores.parquet alone."""
-    import pandas as pd
-
-    table = pd.DataFrame(list(scores), columns=[*SCORE_COLUMNS]).astype(dict(SCORE_COLUMNS))
-    with replacing(folder / "scores.parquet") as temporary:
-        table.to_parquet(temporary, index=False)
+    with writer(folder / "scores.parquet", SCORE_COLUMNS) as add:
+        for score in scores:
+            add(score)
 
 
 def read_table(folder: Path, name: str) -> pd.DataFrame:
@@ -149,11 +153,11 @@ def read_study(folder: Path) -> dict[str, Any]:
     return content
 
 
-def _trial_columns(swept: Sequence[str]) -> list[str]:
+def _trial_columns(swept: Mapping[str, str]) -> dict[str, str]:
     """The contract's order: the swept parameters stand after `dirty`."""
     names = list(TRIAL_COLUMNS)
     at = names.index("dirty") + 1
-    return [*names[:at], *swept, *names[at:]]
+    return {name: swept.get(name) or TRIAL_COLUMNS[name] for name in (*names[:at], *swept, *names[at:])}
 
 
 def _json(content: Mapping[str, Any]) -> bytes:

@@ -134,29 +134,24 @@ class Session:
             job, outcome
         )
 
-    def trial_rows(self) -> Iterator[Row]:
-        """The row of every planned trial, in the plan's order."""
-        stored = self.journal.recorded.trials
-        for trial in self.plan.trials:
-            if trial.trial_key in self.finished or trial.trial_key in self._ran:
-                yield stored[trial.trial_key]
-            else:
-                yield planned_row(trial, self.plan.columns) | {"exc_message": "the run ended before this trial"}
-
-    def score_rows(self) -> Iterator[Row]:
-        """The score rows of every trial that ended, in the plan's order; what metrics failed on is counted meanwhile."""
+    def rows(self) -> Iterator[tuple[Row, list[Row]]]:
+        """The row of every planned trial and its score rows, in the plan's order; what metrics failed on is counted meanwhile."""
         self.metric_faults.clear()
         shas = {m.label: m.sha for m in self.plan.metrics}
-        trials, scores = self.journal.recorded.trials, self.journal.recorded.scores
         for trial in self.plan.trials:
-            if trial.trial_key not in self.finished and trial.trial_key not in self._ran:
-                continue
-            for label, key in self._score_keys(trial, trials[trial.trial_key]):
-                stored = scores.get(key, {})
-                for row in stored.get("rows", ()):
-                    yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **row}
-                if "error" in stored:
-                    self.metric_faults[f"metric {label}: {stored['error']}"] += 1
+            if trial.trial_key in self.finished or trial.trial_key in self._ran:
+                row = self.journal.recorded.trials[trial.trial_key]
+                yield row, list(self._scores_of(trial, row, shas))
+            else:
+                yield planned_row(trial, self.plan.columns) | {"exc_message": "the run ended before this trial"}, []
+
+    def _scores_of(self, trial: PlannedTrial, row: Row, shas: Mapping[str, str]) -> Iterator[Row]:
+        for label, key in self._score_keys(trial, row):
+            stored = self.journal.recorded.scores.get(key, {})
+            for score in stored.get("rows", ()):
+                yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **score}
+            if "error" in stored:
+                self.metric_faults[f"metric {label}: {stored['error']}"] += 1
 
     def _takes(self) -> list[Take]:
         groups: dict[tuple[int, int | None], list[PlannedTrial]] = {}

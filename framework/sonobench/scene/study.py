@@ -105,7 +105,7 @@ class Study:
             TableError: all faults.
             PluginError: a plugin file that cannot be loaded.
         """
-        from sonobench.harness.plan import plan
+        from sonobench.harness.plan import outline
         from sonobench.scene.reference import reference_faults
 
         reader = _Reader(table, path)
@@ -125,7 +125,7 @@ class Study:
             registry=Registry.load(files),
         )
         reader.check_content(study)
-        faults = [*reader.faults, *plan(study).faults, *reference_faults(study.references, study.registry, path.name)]
+        faults = [*reader.faults, *outline(study).faults, *reference_faults(study.references, study.registry, path.name)]
         if faults:
             raise TableError(list(dict.fromkeys(faults)))
         return study
