@@ -105,7 +105,7 @@ def verify_scores(folder: Path, jobs: int | None = None) -> Verified:
     findings = [_finding(r, "is not planned by the study any more") for k, r in rows.items() if k not in planned]
     altered = {k: fault for k, r in rows.items() if (fault := _altered(folder, r))}
     findings += [_finding(rows[k], fault) for k, fault in altered.items()]
-    todo = [t for k, t in planned.items() if k in rows and k not in altered and rows[k]["input_sha"]]
+    todo = [planned[k] for k, row in rows.items() if k in planned and k not in altered and row["input_sha"]]
     with tempfile.TemporaryDirectory(prefix="sonobench-verify-") as scratch:
         chains = (_score_again(t, rows[t.trial_key], plan, codes, study, folder, Path(scratch)) for t in todo)
         made = _carry(chains, jobs, numba_cache(plan, Cache.default()), fresh=False)

@@ -129,23 +129,27 @@ def test_the_new_result_of_a_shared_numba_helper_appears_though_compiled_code_is
 
 
 @pytest.mark.parametrize(
-    ("pipeline", "named", "in_process"),
+    ("pipeline", "named"),
     [
-        ("computed", "module zoo.hidden", True),
-        ("computed", "module zoo.hidden", False),
-        ("top", "module zoo.buried", True),
-        ("top", "module zoo.buried", False),
-        ("reading", "zoo/secret.txt", True),
-        ("shell", "the program true", True),
+        ("computed", "module zoo.hidden"),
+        ("top", "module zoo.buried"),
+        ("reading", "zoo/secret.txt"),
+        ("shell", "the program true"),
     ],
 )
-def test_what_was_used_beyond_the_key_makes_a_row_open_which_names_it_and_is_never_reused(zoo, pipeline, named, in_process):
+def test_what_was_used_beyond_the_key_makes_a_row_open_which_names_it_and_is_never_reused(zoo, pipeline, named):
     for attempt in (1, 2):  # also the second time in one process, when nothing is imported any more
-        run = zoo.run(pipeline, in_process=in_process, jobs=1)
-        (row,) = run.trials.itertuples()
+        (row,) = zoo.run(pipeline).trials.itertuples()
         assert row.open
         assert named in row.open_because
         assert row.attempts == attempt
+
+
+def test_workers_see_computed_imports_in_functions_and_at_the_top_of_a_module(zoo):
+    for attempt in (1, 2):
+        trials = zoo.run("computed", "top", "plain", in_process=False, jobs=1).trials
+        assert list(trials["open_because"]) == ["module zoo.hidden", "module zoo.buried", ""]
+        assert list(trials["attempts"]) == [attempt, attempt, 1]
 
 
 def test_a_pipeline_is_not_open_for_what_its_neighbour_in_the_same_process_used(zoo):
