@@ -21,14 +21,15 @@ def facts(trials: pd.DataFrame, found: Measured) -> list[dict[str, Any]]:
         return np.bincount(coded.pipeline, values, minlength=size).astype(float)
 
     bad = ~coded.ok & (trials["status"].fillna("") != "").to_numpy(bool)
-    seconds = sum(trials[c].fillna(0.0).to_numpy(float) for c in ("front_end_s", "tracker_s"))
-    frames = np.where(coded.ok, trials["frames"].fillna(0).to_numpy(float), 0.0)
+    seconds = sum(np.nan_to_num(_floats(trials[c])) for c in ("front_end_s", "tracker_s"))
+    frames = np.where(coded.ok, np.nan_to_num(_floats(trials["frames"])), 0.0)
     planned, failures, work, done = total(np.ones(len(trials))), total(bad), total(np.where(coded.ok, seconds, 0.0)), total(frames)
     cost = np.divide(1e3 * work, done, out=np.full(size, np.nan), where=done > 0)
     coverage = _coverage(found, size)
-    first = _first(found).tolist()
+    first = _first(found)
     columns = [c for c in ("distribution", "version", "code_sha", "dirty", "given") if c in trials]
-    rows = trials[columns].iloc[first].to_dict("records")
+    told = {c: list(trials[c].array.take(first)) for c in columns}
+    rows = [{c: values[k] for c, values in told.items()} for k in range(size)]
     return [
         {
             "pipeline": name,
@@ -41,6 +42,10 @@ def facts(trials: pd.DataFrame, found: Measured) -> list[dict[str, Any]]:
         }
         for k, name in enumerate(coded.pipelines)
     ]
+
+
+def _floats(column: pd.Series) -> Floats:
+    return column.to_numpy(float, na_value=np.nan)
 
 
 def _coverage(found: Measured, size: int) -> Floats:
@@ -64,9 +69,11 @@ def _first(found: Measured) -> Ints:
 
 def _origin(row: Mapping[Any, Any]) -> str:
     """Distribution and version (of a file without one, the head of its code's hash); * marks uncommitted changes."""
-    version = str(row.get("version") or "") or f"@{row.get('code_sha') or ''}"[:5]
-    dirty = "*" if row.get("dirty") in (True, np.True_) else ""
-    return f"{row.get('distribution') or ''} {version.removesuffix('@')}{dirty}".strip()
+    text = {c: "" if pd.isna(row.get(c)) else str(row[c]) for c in ("distribution", "version", "code_sha")}
+    version = text["version"] or f"@{text['code_sha']}"[:5]
+    dirty = row.get("dirty")
+    mark = "*" if not pd.isna(dirty) and bool(dirty) else ""
+    return f"{text['distribution']} {version.removesuffix('@')}{mark}".strip()
 
 
 def _given(value: Any) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from sonobench.board import statistics
 from sonobench.board.bootstrap import combined
@@ -18,15 +19,14 @@ from sonobench.types import Floats
 _ALIKE = 1.25
 
 
-def of(table: pd.DataFrame, found: Measured) -> list[str]:
-    """All notes that apply to a board with its attrs, in reading order."""
-    attrs = {str(k): v for k, v in table.attrs.items()}
-    notes = [interval(set(table["interval"]) - {""}, attrs), *_separation(table, attrs, found)]
+def of(records: Sequence[Mapping[str, Any]], attrs: dict[str, Any], found: Measured) -> list[str]:
+    """All notes that apply to a board of these rows with its attrs, in reading order."""
+    notes = [interval({r["interval"] for r in records} - {""}, attrs), *_separation(attrs, found)]
     notes += scenarios(attrs, found, _neighbours(list(attrs["entrants"]), found))
-    notes += [*_failures(table, found), *_missing(table, found)]
-    given = table[table["given"] != ""]
-    if len(given):
-        notes.append("° uses what the scene gives out: " + "; ".join(given["pipeline"] + ": " + given["given"]) + ".")
+    notes += [*_failures(records, found), *_missing(records, found)]
+    given = [f"{r['pipeline']}: {r['given']}" for r in records if r["given"]]
+    if given:
+        notes.append(f"° uses what the scene gives out: {'; '.join(given)}.")
     if attrs["vs"] is not None:
         notes += _against(attrs, found)
     return notes
@@ -68,9 +68,7 @@ def scenarios(attrs: dict[str, Any], found: Measured, differences: Floats) -> li
     effect = float(statistics.design_effect(differences, found.units.groups).max(initial=1.0)) if len(differences) > 1 else 1.0
     if effect < _ALIKE:
         return [f"{text}."]
-    return [
-        f"{text}. They are not: over scenes the standard error of a difference is {effect:.1f} times as large, and intervals are too narrow."
-    ]
+    return [f"{text}. Over scenes alone the standard error of a difference is {effect:.1f} times as large: intervals may be too narrow."]
 
 
 def skew(pairs: list[tuple[str, str]], differences: Floats) -> list[str]:
@@ -86,7 +84,7 @@ def _neighbours(order: list[str], found: Measured) -> Floats:
     return combined(found.units.values, eye[:, columns[1:]] - eye[:, columns[:-1]])
 
 
-def _separation(table: pd.DataFrame, attrs: dict[str, Any], found: Measured) -> list[str]:
+def _separation(attrs: dict[str, Any], found: Measured) -> list[str]:
     order = list(attrs["entrants"])
     comparisons = len(order) * (len(order) - 1) // 2
     n, over = attrs["units"], attrs["over"]
@@ -110,11 +108,11 @@ def _against(attrs: dict[str, Any], found: Measured) -> list[str]:
     return notes + skew([(names[j], vs) for j in others], differences)
 
 
-def _failures(table: pd.DataFrame, found: Measured) -> list[str]:
-    if not table["failures"].sum():
+def _failures(records: Sequence[Mapping[str, Any]], found: Measured) -> list[str]:
+    if not any(r["failures"] for r in records):
         return []
     trials = found.rows.trials
-    ranked = [p for p, mean in zip(table["pipeline"], table["mean"], strict=True) if pd.notna(mean)]
+    ranked = [r["pipeline"] for r in records if not math.isnan(r["mean"])]
     kept = units(found.rows.only(trials.ok[found.rows.trial]), found.pool)
     left = means(kept, trials.pipelines)
     before = [p for p in ranked if p in left]
@@ -125,7 +123,7 @@ def _failures(table: pd.DataFrame, found: Measured) -> list[str]:
     return [f"! failures scored as empty output; {change}{never}."]
 
 
-def _missing(table: pd.DataFrame, found: Measured) -> list[str]:
+def _missing(records: Sequence[Mapping[str, Any]], found: Measured) -> list[str]:
     notes = []
     rows = found.rows
     total, ranked = len(np.unique(rows.block)), int(found.blocks.sum())
@@ -137,10 +135,10 @@ def _missing(table: pd.DataFrame, found: Measured) -> list[str]:
     if found.ranked.any() and ranked < total:
         notes.append(f"ranked on {ranked} of {total} blocks (scenario and repetition): the others lack a score of a ranked pipeline.")
     scored = {rows.trials.pipelines[code] for code in np.unique(rows.pipeline[rows.scored])}
-    bare = [p for p in table["pipeline"] if p not in scored]
+    bare = [r["pipeline"] for r in records if r["pipeline"] not in scored]
     if bare:
         notes.append(f"– no scores: {statistics.joined(bare)}.")
-    partial = [str(p) for p in table.loc[table["coverage"] < 1 - 1e-9, "pipeline"]]
+    partial = [r["pipeline"] for r in records if r["coverage"] < 1 - 1e-9]
     if partial:
         notes.append(f"– not ranked, the metric covers only a share of the target time: {statistics.joined(partial)}.")
     return notes

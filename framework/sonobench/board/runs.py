@@ -11,6 +11,7 @@ import pandas as pd
 from sonobench.errors import InputError
 
 _RUN = "_run"
+_ROUNDING = 1e-9  # relative
 _WORST = 2  # of 0 ok, 1 failed, 2 not run
 _SCORE = ("trial_key", "metric", "metric_sha", "slice")
 
@@ -42,6 +43,7 @@ def together(trials: Sequence[pd.DataFrame], scores: Sequence[pd.DataFrame], nam
     best = pd.Series(chosen, kept["trial_key"]).reindex(rows["trial_key"]).to_numpy()
     equal = rows.loc[quality == best, ["trial_key", _RUN]]  # a failed trial has the scores of empty output in each run
     values = values.reset_index().merge(equal, on=["trial_key", _RUN]).sort_values("index", kind="stable")
+    _refuse_two_scores(values, names)
     values = values.drop_duplicates([c for c in _SCORE if c in values], ignore_index=True).drop(columns=["index", _RUN])
     return kept.drop(columns=_RUN).reset_index(drop=True), values
 
@@ -60,6 +62,24 @@ def same_entries(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> 
                 raise InputError(f"pipeline {name!r} has other parameters in {run} than in {home[name]}; rename one of the entries")
             home.setdefault(name, run)
     return whole
+
+
+def _refuse_two_scores(values: pd.DataFrame, names: Sequence[str]) -> None:
+    """The same output has the same score, but for what machines differ in at the last digits."""
+    same = [c for c in _SCORE if c in values]
+    several = values[values.duplicated(same, keep=False)]
+    if several.empty:
+        return
+    found = several.groupby(same, dropna=False)["value"].agg(["min", "max", "count", "size"])
+    apart = found["max"] - found["min"] > _ROUNDING * np.maximum(found["max"].abs(), found["min"].abs())
+    twofold = found[apart | ((found["count"] > 0) & (found["count"] < found["size"]))]
+    if len(twofold):
+        first = dict(zip(same, twofold.index[0], strict=True))
+        runs = [names[k] for k in sorted(set(several.loc[several["trial_key"] == first["trial_key"], _RUN]))]
+        raise InputError(
+            f"{len(twofold)} scores, such as {first['metric']} of trial {first['trial_key']}, have different results in "
+            f"{' and '.join(runs)}: the metric's code changed between them; run the older one again"
+        )
 
 
 def _refuse_two_results(done: pd.DataFrame, names: Sequence[str]) -> None:

@@ -7,6 +7,7 @@ undefined somewhere, or covers less than all of the target time, or that has no 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -21,7 +22,9 @@ from sonobench.board.pooling import means, units
 from sonobench.types import Floats
 
 _COLUMNS = ("rank", "pipeline", "origin", "mean", "low", "high", "interval", "rank_low", "rank_high", "tie")
-_BLANK = {"rank": pd.NA, "rank_low": pd.NA, "rank_high": pd.NA, "interval": "", "tie": ""}
+_TEXTS = ("pipeline", "origin", "interval", "tie", "given")
+_COUNTS = ("failures", "trials")
+_BLANK = {"rank": None, "rank_low": None, "rank_high": None, "interval": "", "tie": "", "mean": math.nan}
 _FACTS = ("failures", "trials", "coverage", "ms_per_frame", "given")
 _AGAINST = ("diff", "diff_low", "diff_high", "diff_p")
 Found = dict[str, dict[str, Any]]
@@ -87,14 +90,20 @@ def _board(trials: pd.DataFrame, chosen: Mapping[str, pd.DataFrame], vs: str | N
         for fact in facts(trials, found)
     ]
     ranked = set(found.names)
-    order = sorted(records, key=lambda r: (r["pipeline"] not in ranked, _worth(found.sign, r.get("mean")), r["pipeline"]))
-    table = pd.DataFrame(order, columns=[*_COLUMNS, *_FACTS, *(_AGAINST if vs is not None else ()), *others])
-    table = table.astype({"rank": "Int64", "rank_low": "Int64", "rank_high": "Int64"})
-    numbers = ["mean", "low", "high", "coverage", "ms_per_frame", *(_AGAINST if vs is not None else ()), *others]
-    table[numbers] = table[numbers].astype(float)
-    table.attrs = about(trials, found) | {"vs": vs, "entrants": [r["pipeline"] for r in order if r["pipeline"] in ranked]}
-    table.attrs["notes"] = notes.of(table, found)
+    order = sorted(records, key=lambda r: (r["pipeline"] not in ranked, _worth(found.sign, r["mean"]), r["pipeline"]))
+    names = [*_COLUMNS, *_FACTS, *(_AGAINST if vs is not None else ()), *others]
+    table = pd.DataFrame({name: _column(name, [record.get(name) for record in order]) for name in names})
+    attrs = about(trials, found) | {"vs": vs, "entrants": [r["pipeline"] for r in order if r["pipeline"] in ranked]}
+    table.attrs = attrs | {"notes": notes.of(order, attrs, found)}
     return table
+
+
+def _column(name: str, values: list[Any]) -> Any:
+    if name in _TEXTS:
+        return pd.array(values, "str")
+    if name in _COUNTS:
+        return np.array(values, np.int64)
+    return pd.array(values, "Int64") if name.startswith("rank") else np.array(values, float)
 
 
 def about(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
@@ -115,9 +124,9 @@ def about(trials: pd.DataFrame, found: Measured) -> dict[str, Any]:
     }
 
 
-def _worth(sign: float, mean: Any) -> tuple[bool, float]:
+def _worth(sign: float, mean: float) -> tuple[bool, float]:
     """What sorts the better one first, and NaN last."""
-    return (True, 0.0) if mean is None or np.isnan(mean) else (False, sign * mean)
+    return (True, 0.0) if math.isnan(mean) else (False, sign * mean)
 
 
 def _ranked(found: Measured, vs: str | None) -> Found:
