@@ -10,11 +10,23 @@ import click
 from sonobench.cli.output import SHARE, columns, emit, emit_verified, json_option, plugin_option
 
 
+def _shard(_context: Any, _parameter: Any, value: str | None) -> tuple[int, int] | None:
+    if value is None:
+        return None
+    parts = value.split("/")
+    if len(parts) != 2 or not all(p.isdecimal() for p in parts):
+        raise click.BadParameter(f"{value!r}: write 1/4 for the first of four parts")
+    return int(parts[0]), int(parts[1])
+
+
 @click.command()
 @click.argument("study")
 @click.option("--also", multiple=True, metavar="PIPELINE", help="Add a pipeline by name; repeatable.")
 @click.option("--only", multiple=True, metavar="PIPELINE", help="Run only this pipeline; repeatable.")
 @click.option("--trial", "trials", multiple=True, metavar="KEY", help="Run only this trial (head of its key); repeatable.")
+@click.option(
+    "--shard", callback=_shard, metavar="K/N", help="Run the K-th of N parts, by recording, into a folder of its own (STUDY-KofN)."
+)
 @click.option("--repetitions", type=click.IntRange(min=1), help="Renderings a scene.")
 @click.option("--seed", type=click.IntRange(min=0), help="The study's seed.")
 @click.option("--jobs", type=click.IntRange(min=1), envvar="SONOBENCH_JOBS", help="Worker processes; default: the processors.")
@@ -39,7 +51,7 @@ from sonobench.cli.output import SHARE, columns, emit, emit_verified, json_optio
     metavar="SHARE",
     help="Afterwards repeat this share of the trials (2%) from nothing and compare; 3 if they differ.",
 )
-@click.option("--dry-run", is_flag=True, help="Print the planned trials and stop.")
+@click.option("--dry-run", is_flag=True, help="Print the planned trials, what of them is there, and a guess of the time; run nothing.")
 @plugin_option
 @json_option
 def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, share: float | None, **options: Any) -> int:
@@ -49,11 +61,7 @@ def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, shar
     selection = {k: options.pop(k) for k in ("also", "only", "repetitions", "seed")}
     loaded = Study.load(study, plugins=plugins, **selection)
     if dry_run:
-        rows = [
-            {"pipeline": t.pipeline, "scene": t.scene, "repetition": t.repetition, "run": t.run, "trial_key": t.trial_key}
-            for t in loaded.plan().only(options["trials"])
-        ]
-        emit(rows, columns(rows, ["pipeline", "scene", "repetition", "run", "trial_key"]), as_json)
+        _print_plan(loaded, options, as_json)
         return 0
     finished = loaded.run(**options)
     if share is None:
@@ -65,6 +73,23 @@ def run(study: str, plugins: tuple[str, ...], as_json: bool, dry_run: bool, shar
     _print_boards(finished, as_json, verified.to_table())
     emit_verified(verified)
     return 3 if finished.failed or verified.findings else 0
+
+
+def _print_plan(study: Any, options: dict[str, Any], as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from sonobench.harness.cell import Limits
+    from sonobench.harness.forecast import forecast
+    from sonobench.harness.local import processors
+    from sonobench.harness.run import chosen, folder_of
+
+    plan = chosen(study, options["trials"], options["shard"])
+    folder = folder_of(study, plan if options["trials"] else None, options["shard"], options["out"])
+    limits = Limits(options["timeout_s"], options["memory_mb"])
+    told = forecast(plan, folder, options["jobs"] or processors(), limits, options["retry"] == "failed", options["fresh"])
+    rows = [{"pipeline": t.pipeline, "scene": t.scene, "repetition": t.repetition, "run": t.run, "trial_key": t.trial_key} for t in plan]
+    table = columns(rows, ["pipeline", "scene", "repetition", "run", "trial_key"])
+    emit({"run": str(folder), "trials": rows, "forecast": asdict(told)}, f"{table}\n\n{told}\nrun folder: {folder}", as_json)
 
 
 def _print_boards(finished: Any, as_json: bool, verified: dict[str, Any] | None = None) -> None:

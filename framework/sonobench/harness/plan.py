@@ -143,6 +143,21 @@ class Plan:
         sources = tuple(s for s in self.sources if any(t.source is s for t in kept))
         return replace(self, entries=entries, sources=sources, trials=tuple(kept))
 
+    def shard(self, index: int, count: int) -> Plan:
+        """The index-th (from 1) of `count` parts, recording by recording in turn: all trials on a recording are in one part.
+
+        Raises:
+            InputError: there is no such part, or nothing in it.
+        """
+        if not 1 <= index <= count:
+            raise InputError(f"shard {index}/{count}: a number from 1 to {count} is needed before the stroke")
+        numbers: dict[tuple[int, int | None], int] = {}
+        kept = [t for t in self.trials if numbers.setdefault((id(t.source), t.seed), len(numbers)) % count == index - 1]
+        if not kept:
+            raise InputError(f"shard {index}/{count}: nothing is in it; the plan has {len(numbers)} recordings")
+        used = {id(t.source) for t in kept}
+        return replace(self, sources=tuple(s for s in self.sources if id(s) in used), trials=tuple(kept))
+
     @property
     def swept(self) -> dict[str, list[Any]]:
         """The values of each swept column; None among them where a trial has none."""

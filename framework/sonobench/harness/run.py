@@ -17,6 +17,7 @@ from sonobench.harness.cell import Limits
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sonobench.harness.plan import Plan
     from sonobench.harness.progress import Display
     from sonobench.harness.session import Job, Session
     from sonobench.scene.reference import Reference
@@ -160,6 +161,7 @@ def run_study(
     study: Study,
     *,
     trials: Sequence[str] = (),
+    shard: tuple[int, int] | None = None,
     out: str | Path | None = None,
     jobs: int | None = None,
     timeout_s: float | None = None,
@@ -177,7 +179,8 @@ def run_study(
     Args:
         study: validated.
         trials: only these, by the heads of their keys.
-        out: the run's folder; by default runs/NAME in the current folder, with the keys of chosen trials.
+        shard: (k, n): the k-th of n parts of the plan, by recording, in a folder of its own; their boards can be one.
+        out: the run's folder; by default runs/NAME in the current folder, with the keys of chosen trials or the shard.
         jobs: worker processes; by default the processors.
         timeout_s, memory_mb: what one step of a trial (rendering, front end, tracker, scoring) may take.
         fresh: throw away what is in the folder.
@@ -206,17 +209,11 @@ def run_study(
         raise InputError(f"engine is {engine!r}; 'local' and 'dask' are there")
     if in_process and (engine == "dask" or scheduler is not None):
         raise InputError("in_process means this process alone; leave out the engine and the scheduler")
-    planned = study.plan()
-    if planned.faults:
-        raise TableError(planned.faults)
-    planned = planned.only(trials)
+    planned = chosen(study, trials, shard)
     forget()  # workers import what the sources say now
     cache = Cache.default()
     cache.sweep()
-    folder = (
-        Path(RUNS, "-".join([study.name, *(t.trial_key[:8] for t in (planned.trials if trials else ()))])) if out is None else Path(out)
-    )
-    folder = folder.resolve()
+    folder = folder_of(study, planned if trials else None, shard, out)
     with run_folder.locked(folder):
         if fresh:
             run_folder.clear(folder)
@@ -226,6 +223,7 @@ def run_study(
             "metric_tables": {m.label: m.table for m in planned.metrics},
             "entries": {e.name: {"table": e.table, "roles": roles_within(e.pipeline)} for e in planned.entries},
             "swept": list(planned.columns),
+            "shard": None if shard is None else f"{shard[0]}/{shard[1]}",
         }
         run_folder.prepare(folder, about, environment())
         journal = Journal(folder / "journal.jsonl")
@@ -233,6 +231,7 @@ def run_study(
         limits = Limits() if in_process else Limits(timeout_s, memory_mb)
         observe, failed = study.registry.trial_finished, retry == "failed"
         session = Session(planned, plugins, folder, cache, journal, environment_id(), observe, limits, failed)
+        session.keep_parts()
         complete = True
         try:
             begin = partial(session.begin, order == "reversed")
@@ -248,6 +247,29 @@ def run_study(
     for fault, count in sorted(session.metric_faults.items()):
         print(f"{fault} ({count} trials; see {folder / 'logs'}/score-*.log)", file=sys.stderr)
     return open_run(folder)
+
+
+def chosen(study: Study, trials: Sequence[str] = (), shard: tuple[int, int] | None = None) -> Plan:
+    """The plan of a study, or of a part of it.
+
+    Raises:
+        TableError: the study cannot be run as it stands.
+        InputError: no such trial or part.
+    """
+    planned = study.plan()
+    if planned.faults:
+        raise TableError(planned.faults)
+    planned = planned.only(trials)
+    return planned if shard is None else planned.shard(*shard)
+
+
+def folder_of(study: Study, picked: Plan | None, shard: tuple[int, int] | None, out: str | Path | None) -> Path:
+    """Where a run is kept: `out`, else runs/NAME, with the heads of picked trials' keys, and "-1of4" for a shard."""
+    if out is not None:
+        return Path(out).resolve()
+    heads = [] if picked is None else [t.trial_key[:8] for t in picked]
+    part = [] if shard is None else [f"{shard[0]}of{shard[1]}"]
+    return Path(RUNS, "-".join([study.name, *heads, *part])).resolve()
 
 
 Tick = Callable[[Iterable["Job"]], None]

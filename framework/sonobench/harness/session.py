@@ -93,6 +93,9 @@ class Session:
         self._codes = Codes.of(self.plan)
         self._parts = {id(s): sha_of(scene_part(s, self._codes)) for s in self.plan.sources}
         self._parts |= {id(e): sha_of(pipeline_part(e, self._codes)) for e in self.plan.entries}
+
+    def keep_parts(self) -> None:
+        """Write what the plan is made of beside the journal, for `why`."""
         keep_parts(self.folder / "parts.jsonl", self.plan, self._codes)
 
     @property

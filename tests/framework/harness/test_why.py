@@ -122,7 +122,7 @@ def test_its_command_names_what_the_run_was_given_beside_the_study(zoo, capsys):
     assert "--also late --repetitions 2 --seed 7 --trial" in command
     code, text = told(capsys, *shlex.split(command)[1:], "--dry-run", "--json")
     assert code == 0
-    assert [(t["pipeline"], t["repetition"]) for t in json.loads(text)] == [("late", 1)]
+    assert [(t["pipeline"], t["repetition"]) for t in json.loads(text)["trials"]] == [("late", 1)]
 
 
 def test_it_speaks_json_and_needs_no_run_where_there_is_one(zoo, capsys):

@@ -1,0 +1,122 @@
+"""Parts of a plan on several machines, boards of several runs, and what a run would do."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pandas as pd
+import pytest
+from harness_study import STUDY, write_study
+
+from sonobench.cli import main
+from sonobench.errors import InputError
+from sonobench.harness import open_run, run_study
+from sonobench.harness.progress import Silent
+from sonobench.scene.study import Study
+
+TWO = STUDY.replace("guesser = {}", 'guesser = {}\nother = { use = "guesser", tracker = { spread_m = 0.3 } }')
+KEY = ["trial_key", "metric", "slice"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    write_study(tmp_path, TWO)
+    return tmp_path
+
+
+def run(**options):
+    return run_study(Study.load("tiny.toml"), in_process=True, display=Silent(), **options)
+
+
+@pytest.fixture
+def told(capsys):
+    def call(*arguments):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(list(map(str, arguments)))
+        assert ended.value.code in (0, None), capsys.readouterr().err
+        return capsys.readouterr().out
+
+    return call
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_shards_are_disjoint_by_recording_and_together_the_plan(folder, count):
+    plan = Study.load("tiny.toml").plan()
+    parts = [plan.shard(k + 1, count) for k in range(count)]
+    assert sorted(t.trial_key for p in parts for t in p) == sorted(t.trial_key for t in plan)
+    recordings = [{(t.scene, t.seed) for t in p} for p in parts]
+    assert sum(map(len, recordings)) == len(set.union(*recordings)) == 4
+    assert max(map(len, recordings)) - min(map(len, recordings)) <= 1
+
+
+def test_boards_of_all_shards_are_the_board_of_the_whole_run(folder):
+    whole = run()
+    shards = [run(shard=(k, 3)) for k in (1, 2, 3)]
+    assert [s.path.name for s in shards] == ["tiny-1of3", "tiny-2of3", "tiny-3of3"]
+    assert sum(len(s.trials) for s in shards) == len(whole.trials)
+    joined = open_run("tiny-1of3", "tiny-2of3", "tiny-3of3")
+    a, b = (r.scores.sort_values(KEY, ignore_index=True) for r in (whole, joined))
+    pd.testing.assert_frame_equal(a, b, check_exact=True)
+    columns = ["pipeline", "mean", "low", "high", "trials"]
+    pd.testing.assert_frame_equal(whole.board()[columns], joined.board()[columns], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shard", "said"), [((0, 4), "from 1 to 4"), ((5, 4), "from 1 to 4"), ((5, 5), "has 4 recordings")])
+def test_shards_that_are_not_there_are_refused(folder, shard, said):
+    with pytest.raises(InputError, match=said):
+        run(shard=shard)
+    assert not (folder / "runs").exists()
+
+
+def test_runs_that_differ_in_a_trial_or_in_a_metric_are_no_board(folder):
+    first, second = run(out="a"), run(out="b")
+    scores = second.scores.assign(value=second.scores["value"] + 0.5)
+    scores.to_parquet(second.path / "scores.parquet", index=False)
+    with pytest.raises(InputError, match="different results"):
+        open_run("a", "b").board()
+    write_study(folder, TWO.replace('"distance"', '{ use = "distance", better_at_zero = false }').replace('"tiny"', '"other"'))
+    other = run(out="c")
+    with pytest.raises(InputError, match=r"distance.*different settings"):
+        open_run("a", "c").board()
+    assert len(open_run(first.path, first.path).trials) == len(other.trials)
+
+
+def test_a_dry_run_counts_what_is_there_and_writes_nothing(folder, told):
+    def ask(*more):
+        return json.loads(told("run", "tiny.toml", "--jobs", 2, "--dry-run", "--json", *more))
+
+    before = ask()
+    assert not (folder / "runs").exists()
+    assert len(before["trials"]) == 8
+    assert before["forecast"] == {
+        "trials": 8,
+        "finished": 0,
+        "to_run": 8,
+        "to_score": 0,
+        "recordings": 4,
+        "to_render": 4,
+        "front_ends": None,
+        "seconds": None,
+        "unknown": ["guesser", "other"],
+        "jobs": 2,
+    }
+    run()
+    journal = (folder / "runs/tiny/journal.jsonl").read_bytes()
+    after = ask()["forecast"]
+    assert (after["finished"], after["to_run"], after["to_render"], after["seconds"]) == (8, 0, 0, 0.0)
+    assert ask("--shard", "1/4")["forecast"]["trials"] == 2
+    more = ask("--repetitions", "3")["forecast"]
+    assert (more["finished"], more["to_run"], more["to_render"], more["recordings"]) == (8, 4, 2, 6)
+    assert more["seconds"] > 0
+    shutil.rmtree(folder / "cache/scans")
+    (folder / "runs/tiny/estimates").rename(folder / "gone")
+    lost = ask()["forecast"]
+    assert (lost["finished"], lost["to_run"], lost["to_render"], lost["front_ends"]) == (0, 8, 0, 4)
+    assert (folder / "runs/tiny/journal.jsonl").read_bytes() == journal
+    assert "about" in told("run", "tiny.toml", "--dry-run")
+    fresh = ask("--fresh")["forecast"]
+    assert (fresh["to_run"], fresh["unknown"]) == (8, [])
