@@ -123,8 +123,8 @@ def cell():
     made.close()
 
 
-def done(cell, do, **more):
-    cell.submit({"do": do, **more}, LIMITS)
+def done(cell, do, limits=LIMITS):
+    cell.submit({"do": do}, limits)
     return cell.take()
 
 
@@ -171,10 +171,10 @@ def test_a_guard_that_is_killed_is_a_crash_nothing_is_left_of_it_and_the_cell_go
 def test_the_code_that_a_killed_worker_compiled_is_reused(tmp_path):
     cell = Cell(tmp_path / "numba", perform=PERFORM, warm=("sonobench.harness.warm:compiler",))
     try:
-        hits, compiling_s = done(cell, "compile").value
+        hits, compiling_s = done(cell, "compile", Limits()).value
         assert hits == 0
         assert done(cell, "abort").status == "crash"
-        hits, loading_s = done(cell, "compile").value
+        hits, loading_s = done(cell, "compile", Limits()).value
         assert hits == 1
         assert loading_s < compiling_s / 2
     finally:
