@@ -22,12 +22,12 @@ from typing import Any
 
 import pluggy
 
-from sonobench import hookspecs
+from sonobench import hookspecs, uses
 from sonobench.errors import InputError, PluginError, UnavailableError
 from sonobench.uses import follow, watching
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
-_LOADERS = (__file__, importlib.__file__, "<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
+_LOADERS = (__file__, uses.__file__, importlib.__file__, "<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
