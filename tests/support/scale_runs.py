@@ -22,7 +22,7 @@ _COSTS = {"wall_s": 0.25, "cpu_s": 0.2, "front_end_s": 0.05, "tracker_s": 0.15, 
 
 def study_of(folder: Path, trials: int) -> Study:
     """A study in `folder` of so many trials: two scenes, ten pipelines, as many repetitions as it takes."""
-    entries = "\n".join(f'guesser{k} = {{ use = "guesser", tracker = {{ spread_m = 0.{k + 1} }} }}' for k in range(PIPELINES))
+    entries = "\n".join(f'guesser{k} = {{ use = "guesser", tracker = {{ spread_m = {(k + 1) / 10} }} }}' for k in range(PIPELINES))
     repetitions = trials // (SCENES * PIPELINES)
     text = f'plugins = ["plugin.py"]\nscenes = ["one.toml", "two.toml"]\nrepetitions = {repetitions}\nmetrics = ["distance"]\n[pipelines]\n{entries}\n'
     return Study.load(write_study(folder, text))

@@ -12,7 +12,7 @@ from sonobench.files import replacing
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_GROUP = 1 << 14  # rows that are held as Python objects at a time, and a row group of the file
+_GROUP = 1 << 13  # rows that are held as Python objects at a time, and a row group of the file
 
 
 @contextmanager
