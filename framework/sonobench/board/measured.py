@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -69,8 +69,14 @@ def measured(trials: pd.DataFrame, metric: str, scores: pd.DataFrame, among: Col
     rows = planned.only(known[planned.block]) if known.any() else planned
     wanted = np.array([among is None or name in among for name in planned.trials.pipelines], bool)
     ranked, blocks = _comparable(rows, wanted)
-    compared = units(rows.only(ranked[rows.pipeline] & blocks[rows.block]), pool)
+    compared = _complete(units(rows.only(ranked[rows.pipeline] & blocks[rows.block]), pool))
     return Measured(metric, unit, better, pool, planned, rows, ranked, blocks, compared)
+
+
+def _complete(compared: Units) -> Units:
+    """Without units in which a pipeline has a score of no weight, hence no value."""
+    whole = np.isfinite(compared.values).all(axis=1)
+    return compared if whole.all() else replace(compared, values=compared.values[whole], groups=compared.groups[whole])
 
 
 def _blocks(trials: Coded) -> int:

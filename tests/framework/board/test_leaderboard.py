@@ -278,3 +278,12 @@ def test_what_nobody_has_a_score_of_is_said():
     board = leaderboard(*run(values, unscored=[("a", "room1", 0), ("b", "room1", 0)]), "ospa")
     assert "1 of 3 blocks (scenario and repetition) has no score at all and counts for nobody." in board.attrs["notes"]
     assert not any("no score at all" in note for note in leaderboard(*run(values), "ospa").attrs["notes"])
+
+
+def test_a_scenario_in_which_a_pipelines_score_has_no_weight_is_left_out_for_all():
+    weightless = GOOD | {("room1", r): (0.3, 0.0, 1.0) for r in (0, 1)}
+    table = board({"good": weightless, "bad": BAD})
+    kept = [v for (room, _), v in BAD.items() if room != "room1"]
+    assert table.attrs["units"] == 7
+    assert row(table, "bad")["mean"] == pytest.approx(np.mean(kept))
+    assert table["rank"].tolist() == [1, 2]

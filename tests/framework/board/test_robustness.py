@@ -55,6 +55,7 @@ CASES = {
     "undefined": run({"good": dict.fromkeys(GOOD, (np.nan, 0.0, 0.0)), "bad": BAD}),
     "infinite": run({"good": GOOD | {("room0", 0): np.inf}, "bad": BAD}),
     "no weights": edited(run({"good": GOOD, "bad": BAD}), weight=np.nan),
+    "a scenario without weight": run({"good": GOOD | {("room1", r): (0.3, 0.0, 1.0) for r in (0, 1)}, "bad": BAD}),
     "no coverage": edited(run({"good": GOOD, "bad": BAD}), coverage=np.nan),
     "all zero": run({"good": grid(lambda s, r: 0.0, 7, 1), "bad": grid(lambda s, r: 0.0, 7, 1)}, pool="rms"),
     "huge and tiny": run({"good": grid(lambda s, r: 1e-60 * s, 7, 1), "bad": grid(lambda s, r: 1e60 * s, 7, 1)}),
