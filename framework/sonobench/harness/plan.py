@@ -133,14 +133,17 @@ class Plan:
         """
         if not keys:
             return self
-        kept = [t for t in self.trials if t.trial_key.startswith(tuple(keys))]
-        for key in keys:
+        whole = set(keys)
+        heads = tuple(whole.difference(t.trial_key for t in self.trials))
+        kept = [t for t in self.trials if t.trial_key in whole or (heads and t.trial_key.startswith(heads))]
+        for key in heads:
             if (count := sum(t.trial_key.startswith(key) for t in kept)) != 1:
                 raise InputError(
                     f"--trial {key}: {count} of the {len(self)} planned trials have a key that begins so; `--dry-run` lists them"
                 )
-        entries = tuple(e for e in self.entries if any(t.entry is e for t in kept))
-        sources = tuple(s for s in self.sources if any(t.source is s for t in kept))
+        needed = {id(part) for t in kept for part in (t.entry, t.source)}
+        entries = tuple(e for e in self.entries if id(e) in needed)
+        sources = tuple(s for s in self.sources if id(s) in needed)
         return replace(self, entries=entries, sources=sources, trials=tuple(kept))
 
     def shard(self, index: int, count: int) -> Plan:
