@@ -81,6 +81,48 @@ def __getattr__(name):
     "kernels.py": "from numba import njit\n\n@njit(cache=True)\ndef kernel(x):\n    return x * 1.0\n",
     "table.txt": "1.0",
     "secret.txt": "1.0",
+    "front.py": '''from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+from sonobench import Setup
+from zoo.noted import noted
+
+@dataclass(frozen=True)
+class Front:
+    """Recorded scans, and a line in front.txt."""
+    consumes: ClassVar[str] = "scans"
+    def open(self, header):
+        noted("front")
+        return Setup.from_header(header, header.sensors, header.period_s), None
+    def step(self, state, scan):
+        return state, [scan]
+    def flush(self, state):
+        return []
+''',
+    "sim.py": '''from dataclasses import dataclass
+from typing import ClassVar
+from sonobench.protocols import Simulator
+from zoo.noted import noted
+
+@dataclass(frozen=True)
+class Sim:
+    """Another simulator's rendering, and a line in sim.txt."""
+    of: Simulator
+    needs_sound: ClassVar[bool] = False
+    def simulate(self, scene, seed):
+        noted("sim")
+        return self.of.simulate(scene, seed)
+''',
+    "noted.py": """from pathlib import Path
+
+def noted(name):
+    with (Path(__file__).parent / f"{name}.txt").open("a") as file:
+        file.write("once more\\n")
+    look(Path(__file__).parent / "secret.txt")
+
+def look(path):
+    pass
+""",
     "metric.py": '''from dataclasses import dataclass
 import numpy as np
 from sonobench import Series
@@ -104,7 +146,8 @@ class Zoo:
         trackers = {f"{name}_tracker.py": self.source(name) for name in TRACKERS}
         register = "from sonobench import hookimpl\n\n@hookimpl\ndef sonobench_components():\n    return {\n        'tracker': {"
         register += "".join(f"'{n}': 'zoo.{n}_tracker:Tracker', " for n in TRACKERS)
-        register += "},\n        'metric': {'east': 'zoo.metric:East'},\n        'pipeline': {"
+        register += "},\n        'metric': {'east': 'zoo.metric:East'},\n        'front_end': {'front': 'zoo.front:Front'},\n"
+        register += "        'simulator': {'sim': 'zoo.sim:Sim'},\n        'pipeline': {"
         register += "".join(f"'{n}': {{'use': 'pipeline', 'front_end': 'recorded', 'tracker': '{n}'}}, " for n in TRACKERS) + "},\n    }\n"
         for name, text in {**FILES, **trackers, "_register.py": register}.items():
             (self.package / name).write_text(text)

@@ -168,7 +168,28 @@ def test_a_module_imported_again_by_a_second_component_in_the_same_process_is_se
     assert list(run.trials["open_because"]) == ["module zoo.hidden"] * 2
 
 
-def test_an_open_front_end_scene_or_metric_is_not_taken_from_a_cache(zoo):
+@pytest.mark.parametrize("open_", [False, True])
+def test_an_open_front_end_or_simulator_runs_again_in_the_next_run_and_a_closed_one_comes_from_the_cache(zoo, open_):
+    scene = zoo.folder / "one.toml"
+    scene.write_text(
+        scene.read_text()
+        .replace('simulator = { use = "measurements"', 'simulator = { use = "sim", of = { use = "measurements"', 1)
+        .replace("1.0 }", "1.0 } }", 1)
+    )
+    zoo.edit("_register.py", "'front_end': 'recorded', 'tracker': 'plain'", "'front_end': 'front', 'tracker': 'plain'")
+    if open_:
+        zoo.edit("noted.py", "    pass", "    path.read_text()")
+    lines = []
+    for _ in range(2):
+        trials = zoo.run("plain", fresh=True).trials  # the folder is new, the cache is the old one
+        assert list(trials["open"]) == [open_]
+        assert ("secret.txt" in trials["open_because"][0]) == open_
+        lines.append([len((zoo.package / f"{n}.txt").read_text().splitlines()) for n in ("front", "sim")])
+    grown = [after - before for before, after in zip(*lines, strict=True)]
+    assert grown == ([1, 1] if open_ else [0, 0])
+
+
+def test_an_open_metric_scores_again_in_the_next_run(zoo):
     zoo.edit("metric.py", "values * 1.0", "values * float(open(__file__.replace('metric.py', 'secret.txt')).read())")
     assert score(zoo.run("plain")) == 1.0
     (zoo.package / "secret.txt").write_text("4.0")
