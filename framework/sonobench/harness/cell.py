@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from sonobench.harness import frames
-from sonobench.harness.processes import MARK, end_marked
+from sonobench.harness.processes import MARK, end_marked, uninterrupted
 from sonobench.harness.warm import WARM
 
 _PATIENCE_S = 0.7  # for a guard to end what is below it, before it is ended itself
@@ -82,9 +82,10 @@ class Cell:
         command = [sys.executable, "-P", "-m", "sonobench.harness.server", str(theirs_in), str(theirs_out)]
         home = str(Path(__file__).parents[2])
         environment = {**self._environment, "PYTHONPATH": os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])}
-        self._process = subprocess.Popen(
-            command, pass_fds=(theirs_in, theirs_out), env=environment, stdin=subprocess.DEVNULL, start_new_session=True
-        )
+        with uninterrupted():  # an interrupted Popen would be a process that nobody knows
+            self._process = subprocess.Popen(
+                command, pass_fds=(theirs_in, theirs_out), env=environment, stdin=subprocess.DEVNULL, start_new_session=True
+            )
         os.close(theirs_in)
         os.close(theirs_out)
         path = [p or os.getcwd() for p in sys.path]

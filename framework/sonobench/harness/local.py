@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from sonobench.harness.cell import Cell, Limits, Outcome, close_all
+from sonobench.harness.processes import uninterrupted
 from sonobench.harness.session import Job, Session
 
 _TICK_S = 0.5  # how often progress is told while nothing ends
@@ -28,8 +29,9 @@ def execute(session: Session, jobs: int, limits: Limits, numba_cache: Path, tick
             while session.ready and len(busy) < jobs:
                 cell = next((c for c in cells if c not in busy), None)
                 if cell is None:
-                    cell = Cell(numba_cache)
-                    cells.append(cell)
+                    with uninterrupted():
+                        cell = Cell(numba_cache)
+                        cells.append(cell)
                 job = busy[cell] = session.ready.popleft()
                 _forget_log(job)
                 cell.submit(job.task, limits, job.log)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sonobench.errors import InputError
 from sonobench.files import is_temporary, replace_file, temporaries
 from sonobench.harness.compaction import dtype_of, writer
+from sonobench.harness.processes import uninterrupted
 from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
 
 if TYPE_CHECKING:
@@ -84,18 +84,9 @@ def load() -> None:
     """Import what writing tables needs; an interrupt waits until that is whole."""
     if "pandas" in sys.modules and "pyarrow.parquet" in sys.modules:
         return
-    with _uninterrupted():
+    with uninterrupted():
         import pandas  # noqa: F401
         import pyarrow.parquet  # noqa: F401
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def write_tables(folder: Path, rows: Iterable[tuple[Row, Sequence[Row]]], swept: Mapping[str, Sequence[Any]]) -> None:

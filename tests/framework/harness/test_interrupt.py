@@ -14,7 +14,7 @@ import pytest
 from harness_study import PLUGIN, STUDY, write_study
 
 from sonobench.harness import open_run
-from sonobench.harness.processes import has_ended
+from sonobench.harness.processes import has_ended, uninterrupted
 
 COMPILING = '''
 
@@ -105,3 +105,19 @@ def test_an_interrupt_of_a_run_in_one_process_is_the_users_and_no_trials_failure
     assert code == 130, errors
     assert seconds < allowed_s()
     assert {row["status"] for row in journaled(tmp_path)} == {"ok"}
+
+
+def test_an_interrupt_waits_for_what_must_be_whole():
+    done = []
+
+    def nested():
+        with uninterrupted():
+            with uninterrupted():
+                signal.raise_signal(signal.SIGINT)
+                done.append("inner")
+            done.append("outer")
+        done.append("after")
+
+    with pytest.raises(KeyboardInterrupt):
+        nested()
+    assert done == ["inner", "outer"]
