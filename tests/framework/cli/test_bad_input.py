@@ -178,7 +178,7 @@ def test_a_cache_that_cannot_be_made_leaves_no_run_folder(folder: Path, monkeypa
 
 def test_a_plugin_that_fails_at_import_shows_its_own_lines_only(folder: Path) -> None:
     (folder / "mine.py").write_text("import json\njson.loads('{')\n")
-    done = sonobench(folder, "plugins", "list", "--plugin", "mine.py")
+    done = sonobench(folder, "run", "quickstart", "--dry-run", "--plugin", "mine.py")
     assert done.returncode == 2
     assert "mine.py: JSONDecodeError" in done.stderr
     assert "line 2" in done.stderr
