@@ -18,6 +18,7 @@ from sonobench.harness.cell import Cell, Limits, Outcome, close_all
 from sonobench.harness.code import code, forget
 
 _IDLE_S = 120.0  # a run that was killed leaves its cells to this clock
+_FIRST = threading.Lock()  # the threads of a worker get their first chunks at once; Python 3.11 cannot parse in two of them
 _LOOK_S = 0.25  # how often a busy cell looks whether its run was given up
 
 
@@ -106,9 +107,11 @@ def carry_out(chunk: Chunk) -> list[Outcome]:
 
     worker = get_worker()
     held: dict[str, Cells] = worker.__dict__.setdefault("sonobench_cells", {})
-    if chunk.run not in held:
-        _compare(chunk, worker.address)
-    cells = held.setdefault(chunk.run, Cells())
+    with _FIRST:
+        if chunk.run not in held:
+            _compare(chunk, worker.address)
+            held[chunk.run] = Cells()
+        cells = held[chunk.run]
     with cells.one(Path(chunk.numba_cache)) as cell:
         if chunk.render is not None and not Path(chunk.render["recording"]).exists():
             made = _outcome(cell, cells, chunk, chunk.render, None)

@@ -32,6 +32,7 @@ _CHUNK = 20  # most jobs in a chunk: Dask's cost of a task, about 2 ms, is sprea
 _AHEAD = 2  # chunks under way for each of the workers' threads, so that none waits for us
 _LOSSES = 3  # as often may a job be lost with its worker
 _TICK_S = 0.5
+_ANSWER_S = 10  # for a scheduler to answer
 _PATIENCE_S = 60  # for the first worker to join
 
 
@@ -54,7 +55,7 @@ def connected(jobs: int, scheduler: str | None) -> Iterator[Client]:
     with dask.config.set(settings):
         if scheduler is not None:
             try:
-                client = Client(scheduler, timeout=10, set_as_default=False)
+                client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
             except (OSError, ValueError, ImportError) as error:
                 raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers: {error or type(error).__name__}") from None
             with client:

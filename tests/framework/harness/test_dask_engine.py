@@ -75,6 +75,19 @@ def test_trials_of_a_killed_worker_run_again_on_the_one_that_takes_its_place(fol
     pd.testing.assert_frame_equal(calm.scores, disturbed.scores, check_exact=True)
 
 
-def test_a_scheduler_that_is_not_there_is_an_input_error(folder):
+def test_a_scheduler_that_is_there_already_is_joined_and_its_threads_work_side_by_side(folder):
+    from distributed import LocalCluster
+
+    local = run(folder, "a", jobs=2)
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster:
+        for out in ("b", "c"):
+            joined = run(folder, out, scheduler=cluster.scheduler_address)
+            pd.testing.assert_frame_equal(local.scores, joined.scores, check_exact=True)
+            cells = [p for p in psutil.Process().children(recursive=True) if "sonobench.harness.server" in " ".join(p.cmdline())]
+            assert not [p for p in cells if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+
+
+def test_a_scheduler_that_is_not_there_is_an_input_error(folder, monkeypatch):
+    monkeypatch.setattr("sonobench.harness.dask_engine._ANSWER_S", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run(folder, "a", STUDY, scheduler="tcp://127.0.0.1:9")
