@@ -79,7 +79,7 @@ def test_a_scheduler_that_is_there_already_is_joined_and_its_threads_work_side_b
     from distributed import LocalCluster
 
     local = run(folder, "a", jobs=2)
-    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0", silence_logs=50) as cluster:
         for out in ("b", "c"):
             joined = run(folder, out, scheduler=cluster.scheduler_address)
             pd.testing.assert_frame_equal(local.scores, joined.scores, check_exact=True)
