@@ -24,7 +24,7 @@ import pluggy
 
 from sonobench import hookspecs, uses
 from sonobench.errors import InputError, PluginError, UnavailableError
-from sonobench.uses import follow, watching
+from sonobench.uses import follow, note_loaded, watching
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
 _LOADERS = (__file__, uses.__file__, importlib.__file__, "<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
@@ -270,7 +270,9 @@ class Registry:
 def load_file(path: Path, digest: str) -> ModuleType:
     """Import a plugin file under a name made from its content, so that two versions never mix."""
     name = f"sonobench_plugin_{digest[:16]}"
-    if name in sys.modules:
+    if name in sys.modules:  # of the same content, perhaps from another place or written anew
+        sys.modules[name].__file__ = str(path)
+        note_loaded(str(path))
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

@@ -155,7 +155,7 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
 def _note_open(path: str, mode: str | None, flags: int) -> None:
     frame: FrameType | None = sys._getframe(2)
     if frame is not None and frame.f_code.co_filename.startswith(_LOADER):
-        _note_loaded(_source(path))
+        note_loaded(_source(path))
         while frame is not None and frame.f_code.co_filename.startswith(_LOADER):
             frame = frame.f_back
         if (
@@ -173,7 +173,8 @@ def _note_open(path: str, mode: str | None, flags: int) -> None:
         _READ.setdefault(reader, set()).add(path)
 
 
-def _note_loaded(source: str | None) -> None:
+def note_loaded(source: str | None) -> None:
+    """Remember that a module has what its source says now."""
     if source is not None and not _is_below(source, _installed()):
         with suppress(OSError):
             _LOADED_NS[source] = os.stat(source).st_mtime_ns

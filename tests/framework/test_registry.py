@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
 import textwrap
 import types
 import warnings
@@ -279,3 +281,17 @@ def test_a_built_component_of_a_file_pickles_where_the_file_is_loaded(tmp_path: 
     registry = Registry.load([_file(tmp_path, GOOD)], entry_points=False)
     built = build("delay", {"use": "mine", "floor": 0.3}, registry)
     assert pickle.loads(pickle.dumps(built)) == built
+
+
+def test_a_plugin_file_written_anew_with_the_same_content_is_the_same_plugin(tmp_path: Path) -> None:
+    from sonobench.uses import _LOADED_NS
+
+    source = "from sonobench import hookimpl\n\n\n@hookimpl\ndef sonobench_components():\n    return {}\n"
+    for name in ("one.py", "two.py", "one.py"):
+        path = tmp_path / name
+        path.write_text(source)
+        registry = Registry()
+        registry.add_file(path)
+        (module,) = {m for n, m in sys.modules.items() if n == f"sonobench_plugin_{hashlib.sha256(source.encode()).hexdigest()[:16]}"}
+        assert module.__file__ == str(path.resolve())
+        assert _LOADED_NS[str(path.resolve())] == path.stat().st_mtime_ns
