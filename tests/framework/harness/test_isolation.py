@@ -35,11 +35,10 @@ def run(tmp_path_factory):
     names = "\n".join(f"{name} = {{}}" for name in EXPECTED)
     text = STUDY.replace("guesser = {}", names).replace('"one.toml", ', "").replace("repetitions = 2", "repetitions = 1")
     study = Study.load(write_study(folder, text))
-    before = set(psutil.pids())
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:  # everything below inherits the cache's path, which nobody else has
         patch.setenv("SONOBENCH_CACHE", str(folder / "cache"))
         finished = study.run(out=folder / "run", jobs=2, timeout_s=1.5, memory_mb=250)
-    left = [p for p in psutil.process_iter(["cmdline"]) if p.pid not in before and "sleep 999" in " ".join(p.info["cmdline"] or [])]
+    left = [p for p in psutil.process_iter(["environ"]) if (p.info["environ"] or {}).get("SONOBENCH_CACHE") == str(folder / "cache")]
     return finished, left
 
 
