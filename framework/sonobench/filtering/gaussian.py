@@ -11,6 +11,9 @@ from sonobench.types import Array, Floats
 #: most negative eigenvalue, in units of the correlation matrix, that still counts as rounding
 _ROUNDING = 1e-8
 
+#: what is said of an innovation covariance without a Cholesky factor
+SINGULAR = "an innovation covariance is singular; give the measurement a noise above zero"
+
 
 def symmetric(P: Floats) -> Array:
     """The symmetric part of (…, d, d)."""
@@ -62,7 +65,7 @@ def log_gaussian(residual: Floats, S: Floats) -> Array:
     try:
         factor = np.linalg.cholesky(S)
     except np.linalg.LinAlgError:
-        raise ValueError("an innovation covariance is singular; give the measurement a noise above zero") from None
+        raise ValueError(SINGULAR) from None
     white = (np.linalg.inv(factor) @ np.asarray(residual)[..., None])[..., 0] if factor.ndim > 2 else residual @ np.linalg.inv(factor).T
     log_det = 2.0 * np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
     return np.asarray(-0.5 * (np.sum(white**2, axis=-1) + log_det + residual.shape[-1] * math.log(2 * math.pi)))

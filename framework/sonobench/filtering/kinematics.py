@@ -48,7 +48,10 @@ def variances(space: Space, position_std_m: float, velocity_std_m_s: float, who:
 
 def per_axis(block: Array, dims: int) -> Array:
     """The block-diagonal (2 dims, 2 dims) matrix that repeats one axis's (2, 2) block."""
-    return np.asarray(np.kron(np.eye(dims), block), float)
+    out = np.zeros((2 * dims, 2 * dims))
+    for axis in range(dims):
+        out[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2] = block
+    return out
 
 
 def linear_moments(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:

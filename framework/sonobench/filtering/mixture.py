@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sonobench.filtering.gaussian import definite, symmetric
+from sonobench.filtering.gaussian import definite
 from sonobench.protocols import Mixture, Motion
 from sonobench.types import Array, Bools, Ints
 
@@ -51,50 +51,23 @@ def merge(mixture: Mixture, distance: float) -> Mixture:
     The distance of candidate i to the heaviest, j, is √((mᵢ − mⱼ)ᵀ Pᵢ⁻¹ (mᵢ − mⱼ)) in the candidate's own covariance
     (Vo & Ma 2006, table II, whose U is its square). Equal weights keep their order. The sum of weights does not change.
     """
+    from sonobench.filtering import mixture_kernels as kernels
+
     n = len(mixture.w)
     if n < 2:
         return mixture
-    order = _falling(mixture.w)
-    label = _nearest(take(mixture, order), distance)
-    members = np.zeros((label.max() + 1, n))
-    members[label, np.arange(n)] = 1.0
-    w, m, P, mode = take(mixture, order)
-    total = members @ w
-    share = members * np.where(total[label] > 0, w, 1.0)  # a group without weight: the plain mean
-    share /= share.sum(axis=1, keepdims=True)
-    mean = share @ m
-    off = m - mean[label]
-    spread = P + off[:, :, None] * off[:, None, :]
-    d = m.shape[1]
-    joined = (share @ spread.reshape(n, d * d)).reshape(-1, d, d)
-    first = np.unique(label, return_index=True)[1]
-    return Mixture(total, mean, symmetric(joined), mode[first])
+    w, m, P, mode = take(mixture, _falling(mixture.w))
+    label = np.empty(n, np.int64)
+    groups = kernels.group(m, P, definite(P), mode, float(distance) ** 2, label)
+    if groups < 0:
+        raise ValueError("a covariance of the mixture is not positive definite, so that nothing has a Mahalanobis distance")
+    first = np.searchsorted(np.maximum.accumulate(label), np.arange(groups))  # groups are numbered as they first occur
+    return Mixture(*kernels.joined(w, m, P, label, groups), mode[first])
 
 
 def _falling(w: Array) -> Ints:
     """Order by falling weight; equal weights keep theirs."""
     return np.argsort(-w, kind="stable").astype(np.int64)
-
-
-def _nearest(mixture: Mixture, distance: float) -> Ints:
-    """Group number (n,) of components sorted by falling weight, groups numbered by their heaviest."""
-    n = len(mixture.w)
-    white = np.linalg.inv(np.linalg.cholesky(definite(mixture.P)))
-    images = white @ mixture.m.T  # image of every mean j in the metric of every candidate i: (i, d, j)
-    own = np.einsum("idi->id", images)
-    near = np.sum((images - own[:, :, None]) ** 2, axis=1) <= distance**2
-    near &= mixture.mode[:, None] == mixture.mode
-    label = np.full(n, -1, np.int64)
-    free = np.ones(n, bool)
-    groups = 0
-    for j in range(n):
-        if free[j]:
-            members = near[:, j] & free
-            members[j] = True
-            label[members] = groups
-            free &= ~members
-            groups += 1
-    return label
 
 
 def cap(mixture: Mixture, most: int) -> Mixture:

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sonobench.filtering.evidence import Rows, rows_of
-from sonobench.filtering.gaussian import gain, log_gaussian, symmetric
-from sonobench.filtering.mixture import union
+from sonobench.filtering.gaussian import SINGULAR, log_gaussian
+from sonobench.filtering.mixture import take, union
 from sonobench.protocols import BoundMeasurement, Mixture
 from sonobench.types import Array, Bools, Floats, Ints, Scan
 
@@ -50,7 +50,7 @@ def log_intensity(measurement: BoundMeasurement, z: Floats, q: int, valid: Bools
     return np.asarray(measurement.log_clutter(z, q) if valid.all() else measurement.log_clutter(z, q, valid))
 
 
-def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeasurement, q: int) -> Mixture:
+def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeasurement, q: int, above: float = -1.0) -> Mixture:
     """One sensor's PHD update of a Gaussian mixture: what was missed, then what each row says (Vo & Ma 2006, eq. 20).
 
     p_D is taken at each component's mean.
@@ -60,34 +60,43 @@ def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeas
         moments: theirs, through h.
         scan: its rows of sensor q are used.
         measurement: noise, p_D, clutter and residual of q.
+        q: the sensor.
+        above: components of a weight at or below are left out. All count in the weights of the others, so that this is the
+            same as to prune afterwards, but most means and covariances need not be worked out.
 
     Returns:
-        J (1 + m) components: first the J missed ones, then for each row J detected ones.
+        J (1 + m) components less those left out: first the missed ones, then for each row the detected ones.
     """
     rows = rows_of(scan, q, moments.z_hat.shape[-1])
     p_d = measurement.p_d(prior.m, q, scan)[..., 0]
-    parts = [prior._replace(w=prior.w * (1.0 - p_d))]
+    missed = prior._replace(w=prior.w * (1.0 - p_d))
+    parts = [take(missed, missed.w > above)]
     with np.errstate(divide="ignore"):
-        log_w, log_p_d = np.log(prior.w), np.log(p_d)
+        log_prior = np.log(prior.w) + np.log(p_d)
     for which, valid in patterns(rows):
-        noise = (measurement.R(q, scan) if rows.R is None else rows.R[which])[..., valid, :][..., valid]
-        residual = measurement.residual(rows.z[which], moments.z_hat[:, None, :], q)[..., valid]  # (J, m, dz)
-        S = moments.S[:, valid][:, :, valid][:, None] + noise  # (J, m or 1, dz, dz)
-        cross = moments.cross[:, None, :, valid]
-        log_w_z = log_shares(log_w, log_gaussian(residual, S), log_p_d, log_intensity(measurement, rows.z[which], q, valid))
-        parts.append(_detected(prior, np.exp(log_w_z), residual, S, cross))
+        z, noise = rows.z[which], measurement.R(q, scan) if rows.R is None else rows.R[which]
+        residual = measurement.residual(z, moments.z_hat[:, None, :], q)  # (J, m, dz)
+        log_kappa = log_intensity(measurement, z, q, valid)
+        S, cross = moments.S, moments.cross
+        if not valid.all():
+            residual, cross = residual[..., valid], cross[..., valid]
+            S, noise = S[:, valid][:, :, valid], noise[..., valid, :][..., valid]
+        parts.append(_detected(prior, log_prior, (residual, S[:, None] + noise, cross), log_kappa, above))
     return union(*parts)
 
 
-def _detected(prior: Mixture, w: Array, residual: Floats, S: Array, cross: Array) -> Mixture:
-    """The components of eq. 21: weights (J, m), residuals (J, m, dz), S and cross with row axis m or 1; row-major over m."""
-    J, m = w.shape
-    K = gain(cross, S)
-    mean = prior.m[:, None] + (K @ residual[..., None])[..., 0]
-    P = symmetric(prior.P[:, None] - K @ np.swapaxes(cross, -1, -2))
-    P = np.broadcast_to(P, (J, m, *P.shape[-2:]))
-    flat = [np.swapaxes(a, 0, 1).reshape(J * m, *a.shape[2:]) for a in (w, mean, P)]
-    return Mixture(flat[0], flat[1], flat[2], np.tile(prior.mode, m))
+def _detected(prior: Mixture, log_prior: Array, seen: tuple[Floats, Array, Array], log_kappa: Array, above: float) -> Mixture:
+    """The components of eq. 21, row after row: `seen` holds residuals (J, m, dz), S (J, m or 1, dz, dz) with R, cross (J, d, dz)."""
+    from sonobench.filtering import mixture_kernels as kernels
+
+    residual, S, cross = (np.ascontiguousarray(a, float) for a in seen)
+    w = np.empty(residual.shape[:2])
+    if not kernels.log_densities(residual, S, w):
+        raise ValueError(SINGULAR)
+    w += log_prior[:, None]
+    kernels.share(w, np.ascontiguousarray(log_kappa, float))
+    w, m, P, of = kernels.conditioned(w, np.ascontiguousarray(prior.m), np.ascontiguousarray(prior.P), residual, S, cross, above)
+    return Mixture(w, m, P, prior.mode[of])
 
 
 def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: BoundMeasurement, q: int) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sonobench.filtering.evidence import searched
-from sonobench.filtering.mixture import cap, empty, extract, merge, predict, prune, union
+from sonobench.filtering.mixture import cap, empty, extract, merge, predict, union
 from sonobench.filtering.phd import Moments, correct
 from sonobench.filtering.steps import Update, bound, elapsed, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
@@ -86,8 +86,7 @@ class GaussianMixturePhd:
             memory, born = self.birth.propose(rng, memory, scan, mixture)
             mixture = union(mixture, born)
         for q in heard:
-            mixture = prune(self._update(mixture, state, scan, q), self.prune_weight)
-            mixture = merge(mixture, self.merge_distance)
+            mixture = merge(self._update(mixture, state, scan, q), self.merge_distance)
             mixture = cap(mixture, self.max_components)
         found = extract(mixture, self.extract_weight, self.multiplicity)
         estimate = Estimate(scan.time_s, found.m, found.P, existence=found.w, count=mixture.w.sum(), info={"components": len(mixture.w)})
@@ -100,4 +99,4 @@ class GaussianMixturePhd:
     def _update(self, prior: Mixture, state: PhdState, scan: Scan, q: int) -> Mixture:
         pose = pose_of(state.setup, scan, q)
         moments = Moments(*self.transform.measure(prior.m, prior.P, state.measurement, q, pose))
-        return correct(prior, moments, scan, state.measurement, q)
+        return correct(prior, moments, scan, state.measurement, q, self.prune_weight)
