@@ -1,0 +1,183 @@
+"""The exact PHD update for targets that cause several detections in a scan: factors of particles, without listing partitions.
+
+A target at x causes through each of L modes at most one detection, with probability p_l(x) and density g_l(z | x). With D
+the predicted intensity, kappa the clutter's, and L_W(x) the likelihood of the set W of detections (the sum over all ways to
+give its members to modes), each particle's weight is multiplied by
+
+    Π_l (1 − p_l(x)) + Σ_W L_W(x) Z(S∖W) / Z(S),      Z(∅) = 1,      Z(T) = Σ_{W ⊆ T, W ∋ lowest(T)} d_W Z(T∖W),
+    d_W = ∫ L_W D + [W = {z}] kappa(z),
+
+S being the scan. Z sums over all partitions of a set at once, so nothing is divided by d_W. Several sensors jointly are the
+same update: a sensor is a mode (or several) that has density 0 at the other sensors' detections.
+
+Source: Mahler 2009, "PHD filters for nonstandard targets, I: extended targets" (the sum over partitions); Liang 2016, eq. 5-26
+to 5-34 (modes), where it is printed with the partitions listed. That costs Bell(m); this costs what the scan's ambiguity
+makes necessary, at most O(N L m 2^m + 3^m).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sonobench.types import Array, Bools, Floats, Ints
+
+MOST_ROWS = 62  # a set of rows is the bits of one integer
+DENSE_ROWS = 18  # of a group for which all subsets are cheaper than a table of those reached
+_COARSER = 10.0
+_VALUES = 1 << 25  # likelihoods of sets that are held: half a gigabyte
+
+
+class Factors(NamedTuple):
+    """What one scan does to particles.
+
+    Attributes:
+        factor: (N,) that each weight is multiplied by.
+        missed: (N,) the part of it of targets that caused no detection.
+        explained: (N, m) the part of it in which row z is one of the target's detections (a target may have several, so
+            that these add up to more than `factor`), where it was asked for; else (N, 0).
+        sets: how many sets W took part.
+        cut: the cut that was used; above the one asked for where the scan was too ambiguous.
+    """
+
+    factor: Array
+    missed: Array
+    explained: Array
+    sets: int
+    cut: float
+
+
+def factors(
+    log_w: Floats,
+    log_pg: Floats,
+    log_miss: Floats,
+    log_kappa: Floats,
+    cut: float = 1e-6,
+    most_states: int = 1 << 21,
+    explain: bool = False,
+) -> Factors:
+    """Update factors of particles.
+
+    Args:
+        log_w: (N,) log weights of the predicted intensity.
+        log_pg: (N, L, m) log of p_l(x) g_l(z | x); −inf where a mode cannot cause a row.
+        log_miss: (N, L) log of 1 − p_l(x).
+        log_kappa: (m,) log clutter intensity at the rows.
+        cut: alternatives that are less probable than this share of the one without them are left out: a particle's use of a row
+            beside leaving it to clutter, and a set's joint origin beside separate ones. 0 is exact.
+        most_states: subsets of the scan that Z may visit in one group of rows that hang together; where that does not
+            do, the cut is raised tenfold until it does, which the answer says.
+        explain: work out `explained`.
+
+    Raises:
+        ValueError: shapes that do not fit, more than 62 rows that some particle may cause or ways beyond memory, or numbers
+            beyond float64.
+    """
+    log_w, log_pg, log_miss, log_kappa = (np.asarray(a, np.float64) for a in (log_w, log_pg, log_miss, log_kappa))
+    if log_pg.ndim != 3 or log_w.shape != log_pg.shape[:1] or log_miss.shape != log_pg.shape[:2] or log_kappa.shape != log_pg.shape[2:]:
+        raise ValueError(f"log_w {log_w.shape}, log_miss {log_miss.shape} and log_kappa {log_kappa.shape} do not fit log_pg {log_pg.shape}")
+    n, _, m = log_pg.shape
+    q = np.exp(log_miss)
+    missed = q.prod(axis=1)
+    explained = np.zeros((n, m if explain else 0))
+    a, kappa, used = _scaled(log_w, log_pg, log_kappa, q, cut)
+    if n == 0 or len(used) == 0:
+        return Factors(missed, missed, explained, 0, cut)
+    if len(used) > MOST_ROWS:
+        raise ValueError(f"{len(used)} rows that a target may cause; at most {MOST_ROWS} can be updated jointly, so keep the strongest")
+    factor, own, sets, cut = _solve(np.exp(log_w), a, q, kappa, cut, most_states, explain)
+    if not np.isfinite(factor).all():
+        raise ValueError("particles' weights spread over too many decades for float64; resample, or drop the lightest")
+    if explain:
+        explained[:, used] = own
+    return Factors(factor, missed, explained, sets, cut)
+
+
+def _scaled(log_w: Array, log_pg: Array, log_kappa: Array, q: Array, cut: float) -> tuple[Array, Array, Ints]:
+    """p g and kappa over each row's predicted intensity and clutter, and the rows that a particle may cause.
+
+    Scaled so, a row's intensity is 1, and products over rows stay within float64.
+    """
+    n, modes, m = log_pg.shape
+    with np.errstate(divide="ignore", invalid="ignore"):
+        joint = (log_w[:, None, None] + log_pg).reshape(n * modes, m)
+        top = np.max(joint, axis=0, initial=-np.inf)
+        top = np.where(np.isfinite(top), top, 0.0)
+        share = np.exp(joint - top).reshape(log_pg.shape)
+        log_scale = np.logaddexp(np.log(share.sum(axis=(0, 1))) + top, log_kappa)
+        known = np.isfinite(log_scale)
+        a = share * np.where(known, np.exp(top - log_scale), 0.0) * np.exp(-log_w)[:, None, None]
+        kappa = np.where(known, np.exp(log_kappa - log_scale), 0.0)
+    used = np.flatnonzero((a > cut * q[:, :, None] * kappa).any(axis=(0, 1))).astype(np.int64)
+    return np.ascontiguousarray(a[:, :, used]), kappa[used], used
+
+
+def _solve(w: Array, a: Array, q: Array, kappa: Array, cut: float, most_states: int, explain: bool) -> tuple[Array, Array, int, float]:
+    from sonobench.filtering import multidetection_kernels as kernels
+
+    others = np.stack([np.delete(q, l, axis=1).prod(axis=1) for l in range(q.shape[1])], axis=1)
+    alone = kappa + np.einsum("nlm,nl->m", a, w[:, None] * others)
+    while True:
+        starts, which, value, masks, tau = kernels.likelihoods(w, a, q, alone, min(cut, 1.0), _VALUES)
+        if len(starts) == 0 and cut >= 1:
+            raise ValueError(f"{a.shape[2]} rows that {len(w)} particles may cause in more than {_VALUES} ways; keep the strongest rows")
+        if len(starts):
+            ratio, sets = _ratios(masks, tau, kappa, cut, most_states)
+            if sets:
+                factor, explained = kernels.summed(starts, which, value, masks, ratio, len(kappa) if explain else 0)
+                return factor, explained, sets, cut
+        cut = max(cut * _COARSER, 1e-9)
+
+
+def _ratios(masks: Ints, tau: Array, kappa: Array, cut: float, most_states: int) -> tuple[Array, int]:
+    """Z(S∖W) / Z(S) of each set (1 for the empty one, 0 for those left out), and how many took part; 0 if that took too many states."""
+    from sonobench.filtering import multidetection_kernels as kernels
+
+    m = len(kappa)
+    bits = (masks[:, None] >> np.arange(m)) & 1 == 1
+    size = bits.sum(axis=1)
+    d = tau.copy()
+    alone = np.zeros(m)
+    single = np.flatnonzero(size == 1)
+    row = bits[single].argmax(axis=1)
+    d[single] += kappa[row]
+    alone[row] = d[single]
+    lone = np.setdiff1d(np.arange(m), row)  # rows that no particle causes alone still may be clutter
+    alone[lone] = kappa[lone]
+    with np.errstate(divide="ignore"):
+        separate = np.where(bits, np.log(alone), 0.0).sum(axis=1)
+        kept = (size == 1) | ((size > 1) & (np.log(d) >= separate + (np.log(cut / len(d)) if cut > 0 else -np.inf)) & (d > 0))
+    ratio = np.zeros(len(masks))
+    ratio[size == 0] = 1.0
+    for group in _groups(bits[kept & (size > 1)], m):
+        mine = np.flatnonzero(kept & bits[:, group].any(axis=1))
+        own = np.ascontiguousarray(bits[mine][:, group])
+        extra = [k for k, z in enumerate(group) if z in lone]
+        local = np.concatenate([(own << np.arange(len(group))).sum(axis=1), [1 << k for k in extra]]).astype(np.int64)
+        weight = np.concatenate([d[mine], kappa[group[extra]]])
+        dense = len(group) <= DENSE_ROWS and 1 << len(group) <= most_states
+        found = (
+            kernels.partitions_dense(local, weight, len(group))
+            if dense
+            else kernels.partitions_sparse(local, weight, len(group), most_states)
+        )
+        if len(found) == 0:
+            return ratio, 0
+        ratio[mine] = found[: len(mine)]
+    return ratio, int(kept.sum())
+
+
+def _groups(bits: Bools, m: int) -> list[Ints]:
+    """Rows that sets of several rows connect, each group in an order in which neighbours hang together."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
+
+    near = bits.astype(float).T @ bits.astype(float) if len(bits) else np.zeros((m, m))
+    count, label = connected_components(csr_array(near), directed=False)
+    groups = []
+    for g in range(count):
+        rows = np.flatnonzero(label == g)
+        order = reverse_cuthill_mckee(csr_array(near[np.ix_(rows, rows)]), symmetric_mode=True) if len(rows) > 2 else np.arange(len(rows))
+        groups.append(rows[order].astype(np.int64))
+    return groups
