@@ -9,12 +9,10 @@ off: they know nothing of trials.
 from __future__ import annotations
 
 import itertools
-import logging
 import queue
 import secrets
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,42 +30,6 @@ _CHUNK = 20  # most jobs in a chunk: Dask's cost of a task, about 2 ms, is sprea
 _AHEAD = 2  # chunks under way for each of the workers' threads, so that none waits for us
 _LOSSES = 3  # as often may a job be lost with its worker
 _TICK_S = 0.5
-_ANSWER_S = 10  # for a scheduler to answer
-_PATIENCE_S = 60  # for the first worker to join
-
-
-@contextmanager
-def connected(jobs: int, scheduler: str | None) -> Iterator[Client]:
-    """A client of the scheduler at an address, or of a cluster of `jobs` workers on this machine that ends with the block.
-
-    Raises:
-        InputError: `distributed` is not installed, no scheduler answers, or it has no workers.
-    """
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        raise InputError(f"--engine dask: {error}; pip install 'sonobench[dask]'") from None
-    settings = {
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.admin.system-monitor.gil.enabled": False,
-    }
-    with dask.config.set(settings):
-        if scheduler is not None:
-            try:
-                client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
-            except (OSError, ValueError, ImportError) as error:
-                raise InputError(f"--scheduler {scheduler}: no Dask scheduler answers: {error or type(error).__name__}") from None
-            with client:
-                yield _staffed(client, scheduler)
-            return
-        with (
-            LocalCluster(
-                n_workers=jobs, threads_per_worker=1, memory_limit=None, dashboard_address=":0", silence_logs=logging.CRITICAL
-            ) as cluster,
-            Client(cluster, set_as_default=False) as client,
-        ):
-            yield _staffed(client, "the local cluster")
 
 
 def execute(
@@ -201,14 +163,6 @@ class _Crew:
         except OSError as error:  # Dask's CommClosedError and its timeouts too
             gone = f"the Dask scheduler at {self.client.scheduler.address if self.client.scheduler else '?'} is gone"
             raise InputError(f"{gone} ({error}); what ended is kept, run again to go on") from None
-
-
-def _staffed(client: Client, name: str) -> Client:
-    try:
-        client.wait_for_workers(1, timeout=_PATIENCE_S)
-    except TimeoutError:
-        raise InputError(f"{name}: no Dask worker joined within {_PATIENCE_S} s") from None
-    return client
 
 
 def _name(job: Job) -> str:

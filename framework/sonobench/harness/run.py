@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sonobench.harness.plan import Plan
     from sonobench.harness.progress import Display
     from sonobench.harness.session import Job, Session
+    from sonobench.registry import Registry
     from sonobench.scene.reference import Reference
     from sonobench.scene.study import Study
 
@@ -58,6 +59,14 @@ class Run:
     def studies(self) -> list[dict[str, Any]]:
         """study.json of every run."""
         return [run_folder.read_study(p) for p in self.paths]
+
+    @cached_property
+    def registry(self) -> Registry:
+        """What is installed, and the studies' own plugin files as far as they are still there."""
+        from sonobench.registry import Registry
+
+        plugins = dict.fromkeys(p for study in self.studies for p in study["study"].get("plugins", ()) if Path(p).is_file())
+        return Registry.load(plugins)
 
     @property
     def failed(self) -> int:
@@ -99,11 +108,39 @@ class Run:
         entries = same_entries([study.get("entries", {}) for study in self.studies], [str(p) for p in self.paths])
         return attribution(self.trials, self.scores, self._metric(metric), role, entries, by)
 
-    def report(self, trials: Sequence[str] = (), metric: str | None = None, out: str | Path | None = None) -> list[Path]:
-        """Write pictures of trials; see `sonobench.report.write_report`."""
-        from sonobench.report import write_report
+    def where(
+        self, scenes: Sequence[str] = (), at: Mapping[str, Sequence[Any]] | None = None, pipelines: Sequence[str] = ()
+    ) -> Run:
+        """The same run, of these scenes, swept values and pipelines alone; see `sonobench.report.chosen`."""
+        from sonobench.report import chosen
 
-        return write_report(self, trials=trials, metric=self._metric(metric), out=out)
+        part = Run(self.paths, self.metrics)
+        part.__dict__["_tables"] = chosen(self.trials, scenes, at, pipelines), self.scores  # where cached_property looks
+        return part
+
+    def curve(self, over: str, metrics: Sequence[str] = (), references: Sequence[str] = ()) -> pd.DataFrame:
+        """Metrics against a swept value, or (over = "time") at every evaluation time; see `sonobench.report.curve` and `over_time`."""
+        from sonobench.report import curve, over_time
+
+        return over_time(self, metrics) if over == "time" else curve(self, over, metrics, references)
+
+    def report(
+        self,
+        trials: Sequence[str] = (),
+        metric: str | Sequence[str] | None = None,
+        out: str | Path | None = None,
+        over: str | None = None,
+        references: Sequence[str] = (),
+    ) -> list[Path]:
+        """Write pictures of trials, or with `over` of metrics; see `sonobench.report.write_report` and `write_curves`."""
+        from sonobench.report import write_curves, write_report
+
+        metrics = (metric,) if isinstance(metric, str) else tuple(metric or ())
+        if over is not None and not trials:
+            return write_curves(self, over, metrics, references, out)
+        if over is not None or references or len(metrics) > 1:
+            raise InputError("trials are pictured one by one, chosen by one metric; several metrics and references belong to `over`, trials do not")
+        return write_report(self, trials=trials, metric=self._metric(*metrics or [None]), out=out)
 
     def _metric(self, metric: str | None) -> str:
         if metric is None and not self.metrics:
@@ -126,16 +163,13 @@ class Run:
         named = [r for study in self.studies for r in study["study"].get("reference", ())]
         if not named and not asked:
             return [], {}
-        from sonobench.registry import Registry
         from sonobench.scene.reference import Reference
 
-        plugins = dict.fromkeys(p for study in self.studies for p in study["study"].get("plugins", ()) if Path(p).is_file())
-        registry = Registry.load(plugins)
         found: dict[str, Reference] = {}
         lost: dict[str, str] = {}
         for name in dict.fromkeys([*named, *asked]):
             try:
-                reference = Reference.load(name, registry)
+                reference = Reference.load(name, self.registry)
                 found.setdefault(reference.name, reference)
             except SonobenchError as error:
                 if name in asked:
@@ -304,10 +338,11 @@ def _engine(name: str, jobs: int | None, scheduler: str | None) -> Callable[[Ses
     workers = jobs or local.processors()
 
     def on_dask(session: Session, numba_cache: Path, tick: Tick) -> None:
-        from sonobench.harness import dask_engine
+        from sonobench.harness.dask_cluster import connected
+        from sonobench.harness.dask_engine import execute
 
-        with dask_engine.connected(workers, scheduler) as client:
-            dask_engine.execute(session, session.limits, numba_cache, tick, client)
+        with connected(workers, scheduler) as client:
+            execute(session, session.limits, numba_cache, tick, client)
 
     def here(session: Session, numba_cache: Path, tick: Tick) -> None:
         local.execute(session, workers, session.limits, numba_cache, tick)

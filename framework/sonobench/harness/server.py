@@ -256,6 +256,7 @@ def _become_worker(guard: int, output: int) -> None:
     if os.getppid() != guard:
         os._exit(0)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # a Dask worker that asks has it blocked
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(OSError):  # a read-only /proc
         Path("/proc/self/oom_score_adj").write_text("1000")  # a hog that outruns the watch dies before anybody else

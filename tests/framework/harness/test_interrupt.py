@@ -59,17 +59,21 @@ def journaled(folder):
 
 
 def interrupted(folder, arguments, moment):
-    """Start, wait for the moment, interrupt: (exit code, seconds, processes that were there and are left, stderr)."""
+    """Start, wait for the moment, interrupt all as a terminal does: (exit code, seconds, processes that were there and are left, stderr)."""
     environment = {**os.environ, "SONOBENCH_CACHE": str(folder / "cache")}
-    process = subprocess.Popen(arguments, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        arguments, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, process_group=0
+    )
     until = time.monotonic() + 30
     while not moment(process) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.01)
     below = psutil.Process(process.pid).children(recursive=True)
     begin = time.monotonic()
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)
     errors = process.communicate(timeout=30)[1]
-    return process.returncode, time.monotonic() - begin, [p for p in below if not has_ended(p.pid)], errors
+    seconds = time.monotonic() - begin
+    left = psutil.wait_procs([p for p in below if not has_ended(p.pid)], timeout=1)[1]  # multiprocessing's tracker ends after us
+    return process.returncode, seconds, left, errors
 
 
 @pytest.mark.parametrize(("slow", "sign"), [("gil", "hanging"), ("compiling", "compiling")])
@@ -97,6 +101,19 @@ def test_an_interrupt_while_cells_start_ends_within_two_seconds(tmp_path):
     code, seconds, left, errors = interrupted(tmp_path, arguments, lambda p: len(psutil.Process(p.pid).children()) == 2)
     assert (code, left) == (130, []), errors
     assert seconds < allowed_s()
+
+
+def test_an_interrupt_of_a_run_on_dask_is_the_runs_alone_and_no_worker_prints_a_traceback(tmp_path):
+    pytest.importorskip("distributed", reason="the Dask engine needs the extra `dask`")
+    arguments = [*command(tmp_path, "gil"), "--engine", "dask"]
+    code, seconds, left, errors = interrupted(tmp_path, arguments, lambda _: (tmp_path / "hanging").exists() and journaled(tmp_path))
+    assert (code, left) == (130, []), errors
+    assert seconds < allowed_s()
+    assert errors.splitlines()[-1] == "interrupted; what was finished is kept"
+    assert "Traceback" not in errors
+    trials = open_run(tmp_path / "run").trials
+    assert set(trials["status"]) == {"ok", "skipped"}
+    assert (trials["status"] == "ok").sum() == len(journaled(tmp_path)) >= 1
 
 
 def test_an_interrupt_of_a_run_in_one_process_is_the_users_and_no_trials_failure(tmp_path):
