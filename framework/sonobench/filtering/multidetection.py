@@ -17,11 +17,16 @@ makes necessary, at most O(N L m 2^m + 3^m).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from sonobench.types import Array, Bools, Floats, Ints
+from sonobench.filtering.evidence import rows_of
+from sonobench.filtering.phd import log_intensity, patterns
+from sonobench.filtering.steps import pose_of
+from sonobench.protocols import BoundMeasurement
+from sonobench.types import Array, Bools, Floats, Ints, Scan, Setup
 
 MOST_ROWS = 62  # a set of rows is the bits of one integer
 DENSE_ROWS = 18  # of a group for which all subsets are cheaper than a table of those reached
@@ -46,6 +51,47 @@ class Factors(NamedTuple):
     explained: Array
     sets: int
     cut: float
+
+
+def evidence(x: Array, scan: Scan, measurement: BoundMeasurement, setup: Setup, sensors: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """What `factors` needs of a scan and particles x (N, d), for several sensors jointly: their modes and rows follow one another.
+
+    Returns:
+        log_pg (N, L, m), −inf where mode and row are of different sensors; log_miss (N, L); log_kappa (m,).
+    """
+    blocks, log_miss, log_kappa = [], [], []
+    for q in sensors:
+        z_hat = measurement.h(x, q, pose_of(setup, scan, q))  # (N, L, dz)
+        rows = rows_of(scan, q, z_hat.shape[-1])
+        p_d = measurement.p_d(x, q, scan)
+        with np.errstate(divide="ignore"):
+            log_p, log_q = np.log(p_d), np.log1p(-p_d)
+        log_g, kappa = np.empty((*z_hat.shape[:2], len(rows.z))), np.empty(len(rows.z))
+        for which, valid in patterns(rows):
+            noise = (measurement.R(q, scan)[None] if rows.R is None else rows.R[which])[:, valid][:, :, valid]
+            residual = measurement.residual(rows.z[which], z_hat[:, :, None], q)[..., valid]  # (N, L, m, dz)
+            log_g[:, :, which] = _log_gaussian(residual, noise)
+            kappa[which] = log_intensity(measurement, rows.z[which], q, valid)
+        blocks.append(log_p[:, :, None] + log_g)
+        log_miss.append(log_q)
+        log_kappa.append(kappa)
+    log_pg = np.full((len(x), sum(b.shape[1] for b in blocks), sum(b.shape[2] for b in blocks)), -np.inf)
+    mode = row = 0
+    for block in blocks:
+        log_pg[:, mode : mode + block.shape[1], row : row + block.shape[2]] = block
+        mode, row = mode + block.shape[1], row + block.shape[2]
+    return log_pg, np.concatenate(log_miss, axis=1), np.concatenate(log_kappa)
+
+
+def _log_gaussian(residual: Floats, noise: Array) -> Array:
+    """log N(residual; 0, noise) of (…, m, dz) and (m or 1, dz, dz)."""
+    try:
+        factor = np.linalg.cholesky(noise)
+    except np.linalg.LinAlgError:
+        raise ValueError("a measurement noise is singular; give the measurement a noise above zero") from None
+    white = np.einsum("...mi,mji->...mj", residual, np.broadcast_to(np.linalg.inv(factor), (residual.shape[-2], *noise.shape[1:])))
+    log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    return np.asarray(-0.5 * np.einsum("...j,...j->...", white, white) - log_det - 0.5 * residual.shape[-1] * math.log(2 * math.pi))
 
 
 def factors(

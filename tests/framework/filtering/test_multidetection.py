@@ -10,8 +10,13 @@ from filtering_partitions import listed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from phd_scenes import scans, setup
+
 from sonobench.filtering import multidetection
-from sonobench.filtering.multidetection import factors
+from sonobench.filtering.multidetection import evidence, factors
+from sonobench.filtering.phd import reweigh
+from sonobench_plugins.measurement.tdoa import Tdoa
+from sonobench_plugins.motion.langevin import Langevin
 
 
 def numbers(seed: int, n: int, modes: int, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -98,6 +103,26 @@ def test_a_joint_update_of_two_sensors_is_the_full_sum_over_two_poisson_targets_
     for i, j in pair:
         expected = expected + pg[:, 0, i] * pg[:, 1, j] * rest((i, j)) / whole
     np.testing.assert_allclose(solved(w, pg, 1 - p, kappa, cut=0.0).factor, expected, rtol=1e-12)
+
+
+def test_the_evidence_of_one_sensor_gives_the_phd_filters_weights_and_that_of_four_keeps_their_rows_apart():
+    rng = np.random.default_rng(0)
+    where = setup(stacked=False, clutter=1.5)
+    model = Tdoa().bind(Langevin().space, where)
+    x = rng.uniform(0, 3, (50, 4))
+    log_w = np.full(50, np.log(2 / 50))
+    scan = scans(rng, stacked=False, clutter=1.5)[20]
+    for q in range(4):
+        found = factors(log_w, *evidence(x, scan, model, where, (q,)), cut=0.0)
+        np.testing.assert_allclose(log_w + np.log(found.factor), reweigh(log_w, x, model.h(x, q)[:, 0], scan, model, q)[0], rtol=1e-12)
+    log_pg, log_miss, log_kappa = evidence(x, scan, model, where, (0, 1, 2, 3))
+    counts = [int((scan.detections[0].sensor == q).sum()) for q in range(4)]
+    assert log_pg.shape == (50, 4, sum(counts)) == (50, 4, len(log_kappa))
+    assert log_miss.shape == (50, 4)
+    own = np.repeat(np.arange(4), counts)
+    for q in range(4):
+        assert np.isneginf(log_pg[:, q, own != q]).all()
+        assert not np.isneginf(log_pg[:, q, own == q]).any()
 
 
 @given(seed=st.integers(0, 10_000), modes=st.integers(1, 4), m=st.integers(1, 7))
