@@ -5,11 +5,22 @@ Source: Vo & Ma 2006, "The Gaussian mixture probability hypothesis density filte
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
+
 import numpy as np
 
 from sonobench.filtering.gaussian import definite
 from sonobench.protocols import Mixture, Motion
 from sonobench.types import Array, Bools, Ints
+
+
+@cache
+def kernels() -> ModuleType:
+    """The compiled loops, imported at their first use: Numba alone takes a third of a second, and imports are watched in trials."""
+    from sonobench.filtering import mixture_kernels
+
+    return mixture_kernels
 
 
 def empty(d: int) -> Mixture:
@@ -51,18 +62,17 @@ def merge(mixture: Mixture, distance: float) -> Mixture:
     The distance of candidate i to the heaviest, j, is √((mᵢ − mⱼ)ᵀ Pᵢ⁻¹ (mᵢ − mⱼ)) in the candidate's own covariance
     (Vo & Ma 2006, table II, whose U is its square). Equal weights keep their order. The sum of weights does not change.
     """
-    from sonobench.filtering import mixture_kernels as kernels
-
     n = len(mixture.w)
     if n < 2:
         return mixture
     w, m, P, mode = take(mixture, _falling(mixture.w))
     label = np.empty(n, np.int64)
-    groups = kernels.group(m, P, definite(P), mode, float(distance) ** 2, label)
+    groups = kernels().group(m, P, definite(P), mode, float(distance) ** 2, label)
     if groups < 0:
         raise ValueError("a covariance of the mixture is not positive definite, so that nothing has a Mahalanobis distance")
     first = np.searchsorted(np.maximum.accumulate(label), np.arange(groups))  # groups are numbered as they first occur
-    return Mixture(*kernels.joined(w, m, P, label, groups), mode[first])
+    weight, mean, cov = kernels().joined(w, m, P, label, groups)
+    return Mixture(weight, mean, cov, mode[first])
 
 
 def _falling(w: Array) -> Ints:

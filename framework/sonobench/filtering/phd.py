@@ -14,7 +14,7 @@ import numpy as np
 
 from sonobench.filtering.evidence import Rows, rows_of
 from sonobench.filtering.gaussian import SINGULAR, log_gaussian
-from sonobench.filtering.mixture import take, union
+from sonobench.filtering.mixture import kernels, take, union
 from sonobench.protocols import BoundMeasurement, Mixture
 from sonobench.types import Array, Bools, Floats, Ints, Scan
 
@@ -87,15 +87,13 @@ def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeas
 
 def _detected(prior: Mixture, log_prior: Array, seen: tuple[Floats, Array, Array], log_kappa: Array, above: float) -> Mixture:
     """The components of eq. 21, row after row: `seen` holds residuals (J, m, dz), S (J, m or 1, dz, dz) with R, cross (J, d, dz)."""
-    from sonobench.filtering import mixture_kernels as kernels
-
     residual, S, cross = (np.ascontiguousarray(a, float) for a in seen)
     w = np.empty(residual.shape[:2])
-    if not kernels.log_densities(residual, S, w):
+    if not kernels().log_densities(residual, S, w):
         raise ValueError(SINGULAR)
     w += log_prior[:, None]
-    kernels.share(w, np.ascontiguousarray(log_kappa, float))
-    w, m, P, of = kernels.conditioned(w, np.ascontiguousarray(prior.m), np.ascontiguousarray(prior.P), residual, S, cross, above)
+    kernels().share(w, np.ascontiguousarray(log_kappa, float))
+    w, m, P, of = kernels().conditioned(w, np.ascontiguousarray(prior.m), np.ascontiguousarray(prior.P), residual, S, cross, above)
     return Mixture(w, m, P, prior.mode[of])
 
 
