@@ -9,7 +9,6 @@ import pytest
 from filtering_partitions import listed
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from phd_scenes import scans, setup
 
 from sonobench.filtering import multidetection
