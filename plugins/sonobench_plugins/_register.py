@@ -18,6 +18,7 @@ def _gaussian_phd(transform: str) -> dict[str, Any]:
 def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
     return {
         "front_end": {
+            "gcc-max": f"{_HERE}.front_end.gcc_max:GccMax",
             "gcc-peaks": f"{_HERE}.front_end.gcc_peaks:GccPeaks",
             "srp-peaks": f"{_HERE}.front_end.srp_peaks:SrpPeaks",
             "recorded": f"{_HERE}.front_end.recorded:Recorded",

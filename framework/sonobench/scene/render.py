@@ -8,7 +8,7 @@ and is cut into blocks.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from fractions import Fraction
 from importlib.metadata import version
 from typing import Any, NamedTuple
@@ -42,13 +42,23 @@ class Emitted(NamedTuple):
     provenance: Mapping[str, str]
 
 
-def assemble(scene: Scene, seed: int, propagate: Propagate) -> Rendering:
+class _Ear(NamedTuple):
+    """What is recorded as one array: its name, the scene's array that it is or copies, the sources that it hears."""
+
+    name: str
+    array: str
+    sources: tuple[str, ...]
+
+
+def assemble(scene: Scene, seed: int, propagate: Propagate, isolated: bool = False) -> Rendering:
     """Render sounds, propagate and mix them, add noise; header, truth and provenance beside it.
 
     Args:
         scene: one whose sources have sounds and whose arrays are of kind "microphones".
         seed: 0 or more; every stream of random numbers derives from it and from what it is for.
         propagate: what the microphones of one array receive of one source. Positions are given every 10 ms.
+        isolated: no mixing: every source is heard by its own copy ARRAY/SOURCE of every array, each with noise of its own
+            against this source alone.
 
     Raises:
         TableError: an array of vector sensors, or a source without a sound.
@@ -56,11 +66,12 @@ def assemble(scene: Scene, seed: int, propagate: Propagate) -> Rendering:
     """
     _check(scene)
     emitted = {name: emit(scene, name, seed) for name in scene.sources}
-    samples = {name: _received(scene, seed, name, emitted, propagate) for name in scene.arrays}
+    ears = _ears(scene, isolated)
+    samples = [_received(scene, seed, ear, emitted, propagate) for ear in ears]
     truth = truth_of(scene, {n: (e.rate_hz, e.samples) for n, e in emitted.items()})
     return Rendering(
-        header=_header(scene, seed, [e.band_hz for e in emitted.values()]),
-        blocks=tuple(_blocks(scene, samples)),
+        header=_header(scene, seed, ears, [e.band_hz for e in emitted.values()]),
+        blocks=tuple(_blocks([(ear.name, scene.rate_of(ear.array), s) for ear, s in zip(ears, samples, strict=True)])),
         scans=(),
         truth=truth,
         sources={n: (e.rate_hz, e.samples.astype(np.float32)) for n, e in emitted.items()},
@@ -98,10 +109,11 @@ def resampled(samples: Array, from_hz: float, to_hz: float) -> Array:
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, window=taps))
 
 
-def mixture_power(scene: Scene, mixture: Array, rate_hz: float) -> float:
-    """Mean square of a noise-free mixture (n, M) over its microphones and the samples within any source's interval; 0 for none."""
+def mixture_power(scene: Scene, mixture: Array, rate_hz: float, sources: Collection[str] | None = None) -> float:
+    """Mean square of a noise-free mixture (n, M) over its microphones and the samples within an interval of any of `sources` (None: all)."""
     time_s = np.arange(len(mixture)) / rate_hz
-    active = np.any([sounding(s, scene.duration_s, time_s) for s in scene.sources.values()], axis=0)
+    heard = scene.sources if sources is None else sources
+    active = np.any([sounding(scene.sources[name], scene.duration_s, time_s) for name in heard], axis=0)
     return float(np.mean(np.square(mixture[active]))) if active.any() else 0.0
 
 
@@ -126,6 +138,12 @@ def box_of(scene: Scene) -> tuple[Array | None, Array | None]:
     return np.stack([np.zeros(3), scene.room.size_m]), scene.room.coefficients(scene.c_m_s)
 
 
+def _ears(scene: Scene, isolated: bool) -> list[_Ear]:
+    if not isolated:
+        return [_Ear(name, name, tuple(scene.sources)) for name in scene.arrays]
+    return [_Ear(f"{array}/{source}", array, (source,)) for array in scene.arrays for source in scene.sources]
+
+
 def _check(scene: Scene) -> None:
     found = [f"arrays.{n}.kind: rendering vector sensors comes later; use microphones" for n, a in scene.arrays.items() if a.kind == "avs"]
     found += [f"sources.{n}.sound: is missing; this simulator renders sound" for n, s in scene.sources.items() if s.sound is None]
@@ -139,46 +157,47 @@ def _faded(piece: Array, rate_hz: float) -> Array:
     return np.concatenate([piece[:n] * ramp, piece[n : len(piece) - n], piece[len(piece) - n :] * ramp[::-1]])
 
 
-def _received(scene: Scene, seed: int, array: str, emitted: Mapping[str, Emitted], propagate: Propagate) -> Array:
-    """Samples (n, M) of one array, noise included."""
-    rate_hz = scene.rate_of(array)
+def _received(scene: Scene, seed: int, ear: _Ear, emitted: Mapping[str, Emitted], propagate: Propagate) -> Array:
+    """Samples (n, M) of one recorded array, noise included."""
+    rate_hz = scene.rate_of(ear.array)
     n = round(scene.duration_s * rate_hz)
-    microphones = place(scene.arrays[array].pose, scene.arrays[array].elements_m)
+    microphones = place(scene.arrays[ear.array].pose, scene.arrays[ear.array].elements_m)
     time_s = np.linspace(0.0, scene.duration_s, max(2, round(scene.duration_s / _PATH_STEP_S) + 1))
     mixture = np.zeros((n, len(microphones)))
-    for name, (own_hz, samples, _, _) in emitted.items():
-        signal = _fitted(resampled(samples, own_hz, rate_hz), n)
-        one = propagate(array, rate_hz, microphones, signal, time_s, path(scene.sources[name], scene.duration_s, time_s))
+    for name in ear.sources:
+        signal = _fitted(resampled(emitted[name].samples, emitted[name].rate_hz, rate_hz), n)
+        one = propagate(ear.array, rate_hz, microphones, signal, time_s, path(scene.sources[name], scene.duration_s, time_s))
         if np.shape(one) != mixture.shape or not np.isfinite(one).all():
             what = type(scene.simulator).__name__
-            raise InputError(f"{what} returned {np.shape(one)} samples of {name} at {array}; finite {mixture.shape} are needed")
+            raise InputError(f"{what} returned {np.shape(one)} samples of {name} at {ear.array}; finite {mixture.shape} are needed")
         mixture += one
-    return mixture + _noise(scene, seed, array, mixture, rate_hz)
+    return mixture + _noise(scene, seed, ear, mixture, rate_hz)
 
 
 def _fitted(samples: Array, n: int) -> Array:
     return samples[:n] if len(samples) >= n else np.concatenate([samples, np.zeros(n - len(samples))])
 
 
-def _noise(scene: Scene, seed: int, array: str, mixture: Array, rate_hz: float) -> Array:
+def _noise(scene: Scene, seed: int, ear: _Ear, mixture: Array, rate_hz: float) -> Array:
     if scene.noise is None:
         return np.zeros_like(mixture)
-    rng = generator(seed, f"noise/{array}")
+    rng = generator(seed, f"noise/{ear.name}")
     n, microphones = mixture.shape
     if scene.noise.kind == "white":
         noise = rng.standard_normal((n, microphones))
     else:
         noise = np.stack([pink(rng, n, rate_hz) for _ in range(microphones)], axis=1)
-    return noise * np.sqrt(mixture_power(scene, mixture, rate_hz) * 10 ** (-scene.noise.snr_db / 10))
+    return noise * np.sqrt(mixture_power(scene, mixture, rate_hz, ear.sources) * 10 ** (-scene.noise.snr_db / 10))
 
 
-def _header(scene: Scene, seed: int, bands_hz: list[tuple[float, float]]) -> Header:
+def _header(scene: Scene, seed: int, ears: list[_Ear], bands_hz: list[tuple[float, float]]) -> Header:
     low, high = max(b[0] for b in bands_hz), min(b[1] for b in bands_hz)
     box_m, reflections = box_of(scene)
+    recorded = [(ear.name, scene.arrays[ear.array], scene.rate_of(ear.array)) for ear in ears]
     return Header(
         name=f"{scene.name or 'scene'}@{seed}",
-        arrays=tuple(MicArray(n, a.kind, a.elements_m, scene.rate_of(n), a.pairs) for n, a in scene.arrays.items()),
-        poses=np.stack([a.pose for a in scene.arrays.values()]),
+        arrays=tuple(MicArray(name, a.kind, a.elements_m, rate_hz, a.pairs) for name, a, rate_hz in recorded),
+        poses=np.stack([a.pose for _, a, _ in recorded]),
         duration_s=scene.duration_s,
         c_m_s=scene.c_m_s,
         box_m=box_m,
@@ -189,12 +208,12 @@ def _header(scene: Scene, seed: int, bands_hz: list[tuple[float, float]]) -> Hea
     )
 
 
-def _blocks(scene: Scene, samples: Mapping[str, Array]) -> Iterator[Block]:
-    """Blocks of about 100 ms, in order of their first sample's time."""
-    starts: list[tuple[float, str, int, int]] = []
-    for name, channels in samples.items():
-        rate_hz = scene.rate_of(name)
+def _blocks(recorded: list[tuple[str, float, Array]]) -> Iterator[Block]:
+    """Blocks of about 100 ms of (name, rate, samples), in order of their first sample's time."""
+    starts: list[tuple[float, int, int, int]] = []
+    for which, (_, rate_hz, channels) in enumerate(recorded):
         edges = np.append(np.arange(0, len(channels), max(1, round(_BLOCK_S * rate_hz))), len(channels))
-        starts += [(low / rate_hz, name, int(low), int(high)) for low, high in itertools.pairwise(edges)]
-    for _, name, low, high in sorted(starts, key=lambda s: s[0]):
-        yield Block(name, low, samples[name][low:high].astype(np.float32))
+        starts += [(low / rate_hz, which, int(low), int(high)) for low, high in itertools.pairwise(edges)]
+    for _, which, low, high in sorted(starts, key=lambda s: s[0]):
+        name, _, channels = recorded[which]
+        yield Block(name, low, channels[low:high].astype(np.float32))

@@ -29,6 +29,7 @@ class ImageMethod:
     max_order: int | None = None  #: most reflections of an image; None: as many as prune_db leaves
     prune_db: float = -50.0  #: level of all images that are left out against the whole response
     path_step_m: float = 0.01  #: way of a moving source between two responses; a quarter of the shortest wavelength serves
+    isolated: bool = False  #: no mixing: each source through its own copy ARRAY/SOURCE of every array, with noise of its own
 
     def __post_init__(self) -> None:
         if self.max_order is not None and self.max_order < 0:
@@ -51,7 +52,7 @@ class ImageMethod:
             with _blaming(scene):
                 return render_path(lattice, signal, path, mics_m, rate_hz, scene.c_m_s)
 
-        return assemble(scene, seed, propagate)
+        return assemble(scene, seed, propagate, self.isolated)
 
     def _lattice(self, scene: Scene) -> Lattice:
         box_m, reflections = box_of(scene)

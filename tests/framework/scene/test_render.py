@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scene_tables import copies, scene
+from scene_tables import copies, registry, scene
 
 from sonobench.errors import InputError, TableError
 from sonobench.scene.render import assemble, emit, mixture_power, resampled
+from sonobench.scene.scene import Scene
 from sonobench.types import identical
 
 
@@ -173,3 +174,26 @@ def test_resampling_keeps_tones_below_and_drops_images_above(own, new):
     if new < own:
         folded = resampled(np.sin(2 * np.pi * 0.52 * new * time), own, new)
         assert np.abs(folded[inner]).max() < 1e-3
+
+
+def test_isolated_copies_add_up_to_the_mixture_and_are_what_a_scene_of_one_source_records():
+    both = scene()
+    mixed, apart = assemble(both, 4, copies), assemble(both, 4, copies, isolated=True)
+    assert [a.name for a in apart.header.arrays] == ["walls/anna", "walls/carlo"]
+    total = mixture(apart, "walls/anna") + mixture(apart, "walls/carlo")
+    np.testing.assert_allclose(total, mixture(mixed), atol=1e-6)
+    assert identical(apart.truth, mixed.truth)
+    for name in both.sources:
+        alone = Scene.from_table({**both.table, "sources": {name: both.table["sources"][name]}}, registry())
+        np.testing.assert_array_equal(mixture(apart, f"walls/{name}"), mixture(assemble(alone, 4, copies)))
+
+
+def test_isolated_copies_have_noise_of_their_own_against_their_own_source():
+    louder = {"sources": {"carlo": {"gain_db": 12.0}}}
+    clean = assemble(scene(louder), 4, copies, isolated=True)
+    noisy = assemble(scene(louder, noise={"snr_db": 10.0}), 4, copies, isolated=True)
+    noise = {n: mixture(noisy, n) - mixture(clean, n) for n in ("walls/anna", "walls/carlo")}
+    assert abs(np.corrcoef(noise["walls/anna"][:, 0], noise["walls/carlo"][:, 0])[0, 1]) < 0.05
+    for name, (first, end) in {"anna": (1600, 6400), "carlo": (0, 16000)}.items():
+        power = np.mean(mixture(clean, f"walls/{name}")[first:end] ** 2)
+        assert 10 * np.log10(power / np.mean(noise[f"walls/{name}"] ** 2)) == pytest.approx(10.0, abs=0.7)

@@ -10,7 +10,13 @@ from sonobench.components import overlay
 from sonobench.errors import InputError, PluginError, TableError
 from sonobench.scene.scene import Scene
 
-ALL = ["chen2012", *(f"quickstart-{i}" for i in range(1, 7)), *(f"tuning-{i}" for i in range(1, 5))]
+ALL = [
+    "chen2012",
+    "chen2012-audio",
+    "chen2012-audio-isolated",
+    *(f"quickstart-{i}" for i in range(1, 7)),
+    *(f"tuning-{i}" for i in range(1, 5)),
+]
 WALK = {"use": "line", "from_m": [1.0, 1.0, 1.5], "speed_m_s": 1.0}
 
 

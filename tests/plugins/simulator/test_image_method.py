@@ -126,3 +126,13 @@ def test_nearly_lossless_walls_are_refused_with_the_scenes_name(registry):
 def test_impossible_parameters_are_refused(registry, field):
     with pytest.raises(TableError, match=next(iter(field))):
         scene_of(registry, {"use": "image-method", **field})
+
+
+def test_isolated_recordings_without_noise_add_up_to_the_mixed_one(registry):
+    table = {**scene_of(registry).table["sources"]}
+    table["carlo"] = {"sound": {"use": "pink"}, "trajectory": {"use": "still", "position_m": [2.0, 1.0, 1.2]}}
+    mixed = scene_of(registry, sources=table).simulate(2)
+    apart = scene_of(registry, {"use": "image-method", "isolated": True}, sources=table).simulate(2)
+    heard = {a.name: np.concatenate([b.samples for b in apart.blocks if b.array == a.name]) for a in apart.header.arrays}
+    assert list(heard) == ["wall/anna", "wall/carlo"]
+    np.testing.assert_allclose(heard["wall/anna"] + heard["wall/carlo"], samples(mixed), atol=1e-6)
