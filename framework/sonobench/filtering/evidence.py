@@ -44,11 +44,13 @@ def rows_of(scan: Scan, sensor: int, dz: int) -> Rows:
     if len(parts) > 1:
         raise InputError(f"the scan at {scan.time_s} s lists sensor {sensor} in {len(parts)} sets of detections; give it one")
     group, mine = parts[0]
-    z = group.z[mine]
-    valid = np.ones(z.shape, bool) if group.valid is None else group.valid[mine]
+    z, R = group.z[mine], None if group.R is None else group.R[mine]
+    more = [] if R is None else [*R.reshape(len(z), -1).T]  # decide between rows of the same values
+    if group.valid is None:
+        order = np.lexsort([*more, *z.T])
+        return Rows(z[order], None if R is None else R[order], np.ones(z.shape, bool))
+    valid = group.valid[mine]
     z = np.where(valid, z, 0.0)
-    R = None if group.R is None else group.R[mine]
-    keys = [*z.T, *valid.T] if R is None else [*R.reshape(len(z), -1).T, *z.T, *valid.T]
-    order = np.lexsort(keys)
+    order = np.lexsort([*more, *z.T, *valid.T])
     order = order[valid[order].any(axis=1)]
     return Rows(z[order], None if R is None else R[order], valid[order])

@@ -51,9 +51,11 @@ def _root_of_one(P: Array) -> Array:
 
 def definite(P: Floats, relative: float = 1e-12) -> Array:
     """P (…, d, d) with `relative` of its own diagonal added, so that it can be inverted; never an absolute jitter."""
-    diagonal = np.diagonal(P, axis1=-2, axis2=-1)
+    more = np.array(P, float)
+    diagonal = np.einsum("...ii->...i", more)  # a view of `more`
     floor = np.max(diagonal, axis=-1, keepdims=True) * relative
-    return np.asarray(P + np.eye(P.shape[-1]) * np.maximum(diagonal * relative, floor * relative)[..., None, :])
+    diagonal += np.maximum(diagonal * relative, floor * relative)
+    return more
 
 
 def log_gaussian(residual: Floats, S: Floats) -> Array:

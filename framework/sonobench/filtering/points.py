@@ -14,7 +14,11 @@ def spread(m: Floats, P: Floats, radius: float) -> Array:
     """m ± radius · the columns of a root of P: (…, 2 d, d), the positive half first."""
     offsets = radius * np.swapaxes(root(P), -1, -2)
     centre = np.asarray(m)[..., None, :]
-    return np.concatenate([centre + offsets, centre - offsets], axis=-2)
+    d = offsets.shape[-1]
+    x = np.empty((*offsets.shape[:-2], 2 * d, d))
+    np.add(centre, offsets, out=x[..., :d, :])
+    np.subtract(centre, offsets, out=x[..., d:, :])
+    return x
 
 
 def weighted_moments(
@@ -28,7 +32,7 @@ def weighted_moments(
         ẑ (…, dz), (…, dz, dz), (…, d, dz).
     """
     first = z[..., :1, :]
-    z_hat = first[..., 0, :] + np.einsum("p,...pi->...i", w_mean, residual(z, first))
+    z_hat = first[..., 0, :] + w_mean @ residual(z, first)
     off = residual(z, z_hat[..., None, :])
     weighted = off * w_cov[:, None]
     return (
