@@ -2,7 +2,8 @@
 
 Source: Chen, Chen, Yin & Hou 2012, eq. 38, 39 and 43.
 Deviations: the paper's clutter intensity lambda·V·u is a pure number used as a density. Here it is lambda / V per second
-to the power of the number of pairs, V = Π 2 tau_max. The intensity holds a little beyond ±tau_max, by six deviations of the noise,
+to the power of the number of pairs, V = Π 2 tau_max; `clutter_intensity = "count"` is the paper's, which next to likelihoods in
+s⁻⁴ makes clutter all but impossible, so that false detections far out are taken for talkers. The intensity holds a little beyond ±tau_max, by six deviations of the noise,
 or a delay measured of a talker at the end of a pair's axis could not be clutter, and would count as a talker for certain.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,8 +31,11 @@ class Tdoa:
     p_d: float | None = None  #: probability that a sensor detects a talker; None: nominal p_d
     clutter_per_scan: float | None = None  #: mean number of false rows of each sensor and scan; None: nominal
     height_m: float | None = None  #: height of planar states; None: nominal height_m, else 0
+    clutter_intensity: Literal["density", "count"] = "density"  #: "count": lambda itself, as Chen et al. 2012 print it
 
     def __post_init__(self) -> None:
+        if self.clutter_intensity not in ("density", "count"):
+            raise ValueError(f"clutter_intensity is {self.clutter_intensity!r}; 'density' or 'count' is needed")
         if self.delay_std_s is not None and not self.delay_std_s > 0:
             raise ValueError(f"delay_std_s is {self.delay_std_s}; above 0 is needed")
         if self.p_d is not None and not 0 <= self.p_d <= 1:
@@ -63,6 +68,7 @@ class Tdoa:
             delay_std_s=setup.value("delay_std_s", self.delay_std_s, who),
             probability=setup.value("p_d", self.p_d, who),
             clutter_per_scan=setup.value("clutter_per_scan", self.clutter_per_scan, who),
+            is_density=self.clutter_intensity == "density",
         )
 
 
@@ -97,6 +103,7 @@ class BoundTdoa:
     delay_std_s: float
     probability: float
     clutter_per_scan: float
+    is_density: bool = True
 
     @property
     def n_modes(self) -> int:
@@ -137,10 +144,14 @@ class BoundTdoa:
         return np.full((*np.shape(x)[:-1], 1), self.probability)
 
     def log_clutter(self, z: Floats, q: int, valid: Bools | None = None) -> Floats:
-        """log(lambda / Π 2 tau_max) (…,) over the components `valid` (dz,), −inf where one lies beyond tau_max and six deviations."""
+        """log(lambda / Π 2 tau_max) (…,) over the components `valid` (dz,), −inf where one lies beyond tau_max and six deviations.
+
+        As a count it is log lambda there, whatever is valid.
+        """
         used = np.ones(len(self.tau_max[q]), bool) if valid is None else np.asarray(valid)
         limit = self.tau_max[q][used]
         inside = np.all(np.abs(np.asarray(z)[..., used]) <= limit + _MARGIN * self.delay_std_s, axis=-1)
         if self.clutter_per_scan == 0:
             return np.full(inside.shape, -np.inf)
-        return np.where(inside, math.log(self.clutter_per_scan) - np.sum(np.log(2 * limit)), -np.inf)
+        log_volume = np.sum(np.log(2 * limit)) if self.is_density else 0.0
+        return np.where(inside, math.log(self.clutter_per_scan) - log_volume, -np.inf)
