@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import click
 
-from sonobench.cli.board import board, report
+from sonobench.cli.board import board
 from sonobench.cli.data import data
 from sonobench.cli.plugins import plugins
+from sonobench.cli.report import report
 from sonobench.cli.run import replay, run
 from sonobench.cli.why import why
 

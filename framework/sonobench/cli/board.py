@@ -1,4 +1,4 @@
-"""`sonobench board` and `sonobench report`."""
+"""`sonobench board`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sonobench.cli.output import emit, emit_verified, json_option
+from sonobench.cli.output import emit_verified, json_option
 
 if TYPE_CHECKING:
     from sonobench.harness import Run
@@ -81,23 +81,3 @@ def _verified(opened: Run) -> int:
     for each in found:
         emit_verified(each)
     return 3 if any(each.findings for each in found) else 0
-
-
-@click.command()
-@click.argument("run")
-@click.option(
-    "--trial",
-    "trials",
-    multiple=True,
-    metavar="KEY",
-    help="Pictures of this trial (head of its key); default: each pipeline's best, median and worst.",
-)
-@click.option("--metric", help="What best and worst refer to; default: the study's first metric.")
-@click.option("-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the pictures; default: RUN/report.")
-@json_option
-def report(run: str, trials: tuple[str, ...], metric: str | None, out: Path | None, as_json: bool) -> None:
-    """Write pictures (PNG) of trials of RUN: tracks in the room, coordinates and count over time."""
-    from sonobench.harness import open_run
-
-    written = open_run(run).report(trials=trials, metric=metric, out=out)
-    emit([str(p) for p in written], "\n".join(map(str, written)), as_json)

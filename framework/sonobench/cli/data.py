@@ -77,6 +77,24 @@ def info(recording: str, plugins: tuple[str, ...], as_json: bool) -> None:
 
 
 @data.command()
+@click.argument("scene", metavar="SCENE|FILE.mcap")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The .png file to write.")
+@plugin_option
+def draw(scene: str, out: Path, plugins: tuple[str, ...]) -> None:
+    """Draw a scene (a name or a .toml file) or a recording: room, microphones, true paths; renders nothing."""
+    from sonobench.errors import InputError
+    from sonobench.log import open_recording
+    from sonobench.registry import Registry
+    from sonobench.report import draw_scene
+    from sonobench.scene import Scene
+
+    if out.suffix != ".png":
+        raise InputError(f"{out}: the file's name must end in .png")
+    registry = Registry.load(plugins)
+    click.echo(draw_scene(open_recording(scene) if scene.endswith(".mcap") else Scene.load(scene, registry), out))
+
+
+@data.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @plugin_option
 @json_option

@@ -108,9 +108,7 @@ class Run:
         entries = same_entries([study.get("entries", {}) for study in self.studies], [str(p) for p in self.paths])
         return attribution(self.trials, self.scores, self._metric(metric), role, entries, by)
 
-    def where(
-        self, scenes: Sequence[str] = (), at: Mapping[str, Sequence[Any]] | None = None, pipelines: Sequence[str] = ()
-    ) -> Run:
+    def where(self, scenes: Sequence[str] = (), at: Mapping[str, Sequence[Any]] | None = None, pipelines: Sequence[str] = ()) -> Run:
         """The same run, of these scenes, swept values and pipelines alone; see `sonobench.report.chosen`."""
         from sonobench.report import chosen
 
@@ -139,7 +137,9 @@ class Run:
         if over is not None and not trials:
             return write_curves(self, over, metrics, references, out)
         if over is not None or references or len(metrics) > 1:
-            raise InputError("trials are pictured one by one, chosen by one metric; several metrics and references belong to `over`, trials do not")
+            raise InputError(
+                "trials are pictured one by one, chosen by one metric; several metrics and references belong to `over`, trials do not"
+            )
         return write_report(self, trials=trials, metric=self._metric(*metrics or [None]), out=out)
 
     def _metric(self, metric: str | None) -> str:

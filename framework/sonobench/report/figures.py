@@ -1,29 +1,23 @@
 """Figures of one trial: tracks in the room, coordinates over time, count over time.
 
-Figures are objects of their own; nothing of pyplot, and no global setting, is touched. Colours are Okabe and Ito's, which
-readers with any colour vision tell apart; truth is wide and coloured, estimates are small and dark.
+Truth is wide and coloured, estimates are small and dark.
 """
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sonobench.files import replace_file
 from sonobench.geometry import place
+from sonobench.report.style import COLOURS, INK, figure, finish, labelled, named, safe_name, title, write_png
 from sonobench.scoring import truth_coordinates
 from sonobench.types import Array, Estimate, Header, Space, Truth
 
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
-_INK = "#222222"
 _MICROPHONE = "#7A4B00"
 _SHOWN = ("x_m", "y_m", "z_m", "azimuth_rad", "elevation_rad")
-_DPI = 110
 
 
 def pictures(out_dir: str | Path, trial_name: str, header: Header, truth: Truth, estimates: Sequence[Estimate], space: Space) -> list[Path]:
@@ -47,103 +41,94 @@ def pictures(out_dir: str | Path, trial_name: str, header: Header, truth: Truth,
         del kinds["room"]
     written = []
     for kind, draw in kinds.items():
-        figure = draw(header, truth, estimates, space)
-        figure.suptitle(trial_name, fontsize=10, x=0.01, ha="left")
-        stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
-        path = Path(out_dir) / f"{re.sub(r'[^0-9A-Za-z._=,+-]+', '_', trial_name).strip('_')}-{kind}.png"
-        replace_file(path, stream.getvalue())
-        written.append(path)
+        drawn = draw(header, truth, estimates, space)
+        title(drawn, trial_name)
+        written.append(write_png(drawn, Path(out_dir) / f"{safe_name(trial_name)}-{kind}.png"))
     return written
 
 
-def _room(header: Header, truth: Truth, estimates: Sequence[Estimate], space: Space) -> Any:
-    """Plan view: walls, microphones, true paths, estimates."""
+def scene_figure(header: Header, truth: Truth) -> Any:
+    """The room's plan with microphones and true paths, without anybody's estimates."""
+    return _room(header, truth, (), None)
+
+
+def _room(header: Header, truth: Truth, estimates: Sequence[Estimate], space: Space | None) -> Any:
+    """Plan view: walls, microphones, true paths, estimates; without a space no estimates are spoken of."""
     from matplotlib.patches import Rectangle
 
     microphones = _microphones(header)
     low, high = _ground(header, truth, microphones)
     width, height = high - low
-    figure = _figure(9.0, float(np.clip(1.0 + 6.4 * height / width, 3.0, 10.0)))
-    axes = figure.add_subplot()
+    drawn = figure(9.4, float(np.clip(1.0 + 6.4 * height / width, 3.0, 10.0)), equal=True)
+    axes = drawn.add_subplot()
     if header.box_m is not None:
-        axes.add_patch(Rectangle(tuple(low), width, height, fill=False, ec=_INK, lw=2, label="wall"))
+        axes.add_patch(Rectangle(tuple(low), width, height, fill=False, ec=INK, lw=2, label="wall"))
     axes.set_xlim(low[0] - 0.03 * width, high[0] + 0.03 * width)
     axes.set_ylim(low[1] - 0.03 * height, high[1] + 0.03 * height)
-    axes.plot([], [], "o", ms=9, mfc="none", mec=_INK, mew=2.5, label="begins")
     for n in range(len(truth.label)):
         x, y = (np.where(truth.exists[:, n], truth.position[:, n, i], np.nan) for i in (0, 1))
         _two_styles(axes, x, y, truth, n)
-        for k in np.flatnonzero(truth.exists[:, n])[:1]:
-            axes.plot(x[k], y[k], "o", ms=9, mfc="none", mec=_colour(n), mew=2.5, zorder=5)
-    path = _rows(estimates, space, ("x_m", "y_m"))[:, 1:]
-    outside = int(((path < low) | (path > high)).any(axis=1).sum())
-    where = "room" if header.box_m is not None else "picture"
-    axes.plot(path[:, 0], path[:, 1], ".", ms=4, color=_INK, alpha=0.6)
-    axes.plot([], [], ".", ms=6, color=_INK, label="estimates" + (f" ({outside} outside the {where})" if outside else ""))
+        lives = np.flatnonzero(truth.exists[:, n])
+        for k, marker in zip(lives[[0, -1]] if len(lives) else (), "os", strict=False):
+            axes.plot(x[k], y[k], marker, ms=9, mfc="white", mec=_colour(n), mew=2.5, zorder=5)
+    for marker, word in (("o", "begins"), ("s", "ends")):
+        axes.plot([], [], marker, ms=9, mfc="white", mec=INK, mew=2.5, label=word)
+    if space is not None:
+        _add_estimates(axes, _rows(estimates, space, ("x_m", "y_m"))[:, 1:], low, high, "room" if header.box_m is not None else "picture")
     if len(microphones):
         axes.plot(microphones[:, 0], microphones[:, 1], "^", ms=6, color=_MICROPHONE, mec="white", mew=0.5, label="microphones", zorder=3)
     axes.set_aspect("equal")
-    _finish(axes, "x (m)", "y (m)")
-    return figure
+    finish(axes, "x (m)", "y (m)")
+    return drawn
+
+
+def _add_estimates(axes: Any, path: Array, low: Array, high: Array, where: str) -> None:
+    outside = int(((path < low) | (path > high)).any(axis=1).sum())
+    axes.plot(path[:, 0], path[:, 1], ".", ms=4, color=INK, alpha=0.6)
+    axes.plot([], [], ".", ms=6, color=INK, label="estimates" + (f" ({outside} outside the {where})" if outside else ""))
 
 
 def _coordinates(header: Header, truth: Truth, estimates: Sequence[Estimate], space: Space) -> Any:
     """One panel for each coordinate that truth and estimates share."""
     known = truth_coordinates(truth)
     names = [n for n in _SHOWN if n in known and n in space.names] or [n for n in ("x_m", "y_m") if n in known]
-    figure = _figure(10.0, 0.8 + 2.3 * len(names))
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    drawn = figure(10.0, 0.8 + 2.3 * len(names))
+    panels = drawn.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(panels, names, strict=True):
         for n in range(len(truth.label)):
             _two_styles(axes, truth.time_s, np.where(truth.exists[:, n], known[name][:, n], np.nan), truth, n)
         if name in space.names:
-            axes.plot(*_rows(estimates, space, (name,)).T, ".", ms=4, color=_INK, alpha=0.7)
-        axes.plot([], [], ".", ms=6, color=_INK, label="estimates")
-        _finish(axes, "time (s)" if axes is panels[-1] else "", _named(name), legend=axes is panels[0])
+            axes.plot(*_rows(estimates, space, (name,)).T, ".", ms=4, color=INK, alpha=0.7)
+        axes.plot([], [], ".", ms=6, color=INK, label="estimates")
+        finish(axes, "time (s)" if axes is panels[-1] else "", labelled(*named(name)), legend=axes is panels[0])
         _limits(axes, header, name)
     panels[-1].set_xlim(_span(header, truth))
-    return figure
+    return drawn
 
 
 def _count(header: Header, truth: Truth, estimates: Sequence[Estimate], space: Space) -> Any:
     """How many targets exist and sound, and how many are reported."""
-    figure = _figure(10.0, 3.2)
-    axes = figure.add_subplot()
+    drawn = figure(10.0, 3.2)
+    axes = drawn.add_subplot()
     time_s = [e.time_s for e in estimates]
-    axes.step(truth.time_s, truth.exists.sum(axis=1), where="post", color=_COLOURS[0], lw=4, alpha=0.6, label="exist")
-    axes.step(truth.time_s, truth.active.sum(axis=1), where="post", color=_COLOURS[1], lw=2, label="sound")
-    axes.step(time_s, [len(e.states) for e in estimates], where="post", color=_INK, lw=1, label="estimates")
+    axes.step(truth.time_s, truth.exists.sum(axis=1), where="post", color=COLOURS[0], lw=4, alpha=0.6, label="exist")
+    axes.step(truth.time_s, truth.active.sum(axis=1), where="post", color=COLOURS[1], lw=2, label="sound")
+    axes.step(time_s, [len(e.states) for e in estimates], where="post", color=INK, lw=1, label="estimates")
     expected = [(e.time_s, e.count) for e in estimates if e.count is not None]
     if expected:
-        axes.plot(*zip(*expected, strict=True), color=_COLOURS[2], lw=1, ls="--", label="expected number")
+        axes.plot(*zip(*expected, strict=True), color=COLOURS[2], lw=1, ls="--", label="expected number")
     axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_ylim(bottom=-0.2)
     axes.set_xlim(_span(header, truth))
-    _finish(axes, "time (s)", "targets (1)")
-    return figure
-
-
-def _figure(width_in: float, height_in: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width_in, height_in), layout="constrained")
-
-
-def _finish(axes: Any, x: str, y: str, legend: bool = True) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(color="#DDDDDD", lw=0.6)
-    axes.set_axisbelow(True)
-    if legend:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, frameon=False, fontsize=9)
+    finish(axes, "time (s)", "targets (1)")
+    return drawn
 
 
 def _two_styles(axes: Any, x: Array, y: Array, truth: Truth, n: int) -> None:
     """The true path of target n: dotted throughout, wide where it sounds."""
     active = truth.active[:, n]
     if n == 0:
-        axes.plot([], [], ":", lw=1.5, color=_INK, label="path; thick: it sounds")
+        axes.plot([], [], ":", lw=1.5, color=INK, label="path; thick: it sounds")
     axes.plot(x, y, ":", lw=1.5, color=_colour(n))
     sounding = (np.where(active, x, np.nan), np.where(active, y, np.nan))
     axes.plot(*sounding, "-", lw=5, alpha=0.55, color=_colour(n), label=f"target {truth.label[n]}")
@@ -185,10 +170,5 @@ def _span(header: Header, truth: Truth) -> tuple[float, float]:
     return (header.start_s, end) if header.duration_s > 0 else (float(truth.time_s[0]), float(truth.time_s[-1]))
 
 
-def _named(name: str) -> str:
-    quantity, _, unit = name.rpartition("_")
-    return f"{quantity} ({unit})"
-
-
 def _colour(n: int) -> str:
-    return _COLOURS[n % len(_COLOURS)]
+    return COLOURS[n % len(COLOURS)]

@@ -45,9 +45,16 @@ def test_a_trial_has_three_pictures_named_after_it_with_the_same_bytes_each_time
 def test_the_room_shows_walls_microphones_targets_and_how_many_estimates_lie_outside():
     axes = figures._room(HEADER, SCENE, OUTPUT, XY).axes[0]
     texts = legend(axes)
-    assert {"wall", "begins", "path; thick: it sounds", "target 0", "target 1", "microphones", "estimates (1 outside the room)"} == set(
-        texts
-    )
+    assert {
+        "wall",
+        "begins",
+        "ends",
+        "path; thick: it sounds",
+        "target 0",
+        "target 1",
+        "microphones",
+        "estimates (1 outside the room)",
+    } == set(texts)
     microphones = next(line for line in axes.lines if line.get_label() == "microphones")
     np.testing.assert_allclose(sorted(microphones.get_xdata()), [1.9, 2.1])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
@@ -85,5 +92,5 @@ def test_an_output_without_anybody_and_a_recording_without_a_room_are_drawn(outp
 
 
 def test_matplotlib_is_imported_only_to_draw_and_pyplot_never():
-    code = "import sys, sonobench.report.figures as f; assert not {'matplotlib', 'pandas'} & set(sys.modules); f._figure(1, 1)"
+    code = "import sys, sonobench.report.figures as f; assert not {'matplotlib', 'pandas'} & set(sys.modules); f.figure(1, 1)"
     subprocess.run([sys.executable, "-c", code + "; assert 'matplotlib.pyplot' not in sys.modules"], check=True)
