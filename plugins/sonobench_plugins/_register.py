@@ -28,6 +28,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
         "motion": {
             "langevin": f"{_HERE}.motion.langevin:Langevin",
             "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
+            "coordinated-turn": f"{_HERE}.motion.coordinated_turn:CoordinatedTurn",
         },
         "measurement": {"tdoa": f"{_HERE}.measurement.tdoa:Tdoa"},
         "transform": {
@@ -44,6 +45,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
         "tracker": {
             "gm-phd": f"{_HERE}.tracker.gm_phd:GaussianMixturePhd",
             "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",
+            "lmb": f"{_HERE}.tracker.lmb:LabelledMultiBernoulli",
             "nobody": f"{_HERE}.tracker.nobody:Nobody",
             "room-centre": f"{_HERE}.tracker.room_centre:RoomCentre",
             "ek-phd": _gaussian_phd("linearised"),
@@ -66,6 +68,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "line": f"{_HERE}.trajectory.line:Line",
             "arc": f"{_HERE}.trajectory.arc:Arc",
             "waypoints": f"{_HERE}.trajectory.waypoints:Waypoints",
+            "wander": f"{_HERE}.trajectory.wander:Wander",
         },
         "simulator": {
             "image-method": f"{_HERE}.simulator.image_method:ImageMethod",

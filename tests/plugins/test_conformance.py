@@ -24,6 +24,14 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("trajectory", "arc"): {"centre_m": [2.0, 1.5, 1.2], "radius_m": 1.0, "start_deg": 0.0, "speed_m_s": 0.5},
     ("trajectory", "line"): {"from_m": [1.0, 1.0, 1.2], "to_m": [3.0, 2.0, 1.2], "speed_m_s": 0.5},
     ("trajectory", "still"): {"position_m": [1.0, 1.0, 1.2]},
+    ("trajectory", "wander"): {
+        "seed": 1,
+        "start_m": [1.0, 1.0, 1.2],
+        "heading_deg": 45.0,
+        "speed_m_s": 0.5,
+        "low_m": [0.2, 0.2],
+        "high_m": [3.0, 2.8],
+    },
     ("trajectory", "waypoints"): {"points_m": [[1.0, 1.0, 1.2], [3.0, 1.0, 1.2], [3.0, 2.0, 1.2]], "speed_m_s": 0.5},
 }
 _SPATIAL = {"use": "constant-velocity", "dims": 3}

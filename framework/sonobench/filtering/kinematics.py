@@ -33,16 +33,20 @@ def position_columns(space: Space, who: str) -> list[int]:
     return space.index(*(n for n in ("x_m", "y_m", "z_m") if n in space.names))
 
 
+#: spread of a turn rate of which nothing is known: who walks 1 m/s on a circle of 1 m turns by 1 rad/s
+TURN_STD_RAD_S = 1.0
+
+
 def variances(space: Space, position_std_m: float, velocity_std_m_s: float, who: str) -> Array:
-    """Variances (d,) of a state space of positions (…_m) and velocities (…_m_s).
+    """Variances (d,) of a state space of positions (…_m), velocities (…_m_s) and turn rates (…_rad_s, TURN_STD_RAD_S).
 
     Raises:
-        SetupError: a coordinate is neither.
+        SetupError: a coordinate is none of these.
     """
-    std = {"m": position_std_m, "m_s": velocity_std_m_s}
+    std = {"m": position_std_m, "m_s": velocity_std_m_s, "rad_s": TURN_STD_RAD_S}
     units = [n.split("_", 1)[1] for n in space.names]
     if not set(units) <= set(std):
-        raise SetupError(f"{who} spreads positions in m and velocities in m/s; the state space is {list(space.names)}")
+        raise SetupError(f"{who} spreads positions in m, velocities in m/s and turn rates in rad/s; the state space is {list(space.names)}")
     return np.array([std[u] ** 2 for u in units])
 
 

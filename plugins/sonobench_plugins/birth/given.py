@@ -20,7 +20,7 @@ from sonobench.types import Scan, Setup, Space
 class Given:
     """A Gaussian at every row of a `given` array, in every scan; memory is the mixture."""
 
-    name: str = "births"  #: the given array, (n, d) states, or (n, 2 or 3) positions born at rest
+    name: str = "births"  #: the given array, (n, d) states (turn rates may be left out), or (n, 2 or 3) positions born at rest
     weight: float = 0.1  #: expected births a scan at each row
     position_std_m: float = 0.1  #: spread of each position coordinate
     velocity_std_m_s: float = 0.3  #: spread of each velocity coordinate
@@ -44,14 +44,15 @@ class Given:
             )
         rows = setup.given[self.name]
         columns = position_columns(space, who)
-        if rows.ndim != 2 or rows.shape[1] not in (len(space), len(columns), 3):
+        moving = [i for i, name in enumerate(space.names) if name.endswith(("_m", "_m_s"))]
+        if rows.ndim != 2 or rows.shape[1] not in (len(space), len(moving), len(columns), 3):
             raise SetupError(
-                f"{who}: given {self.name!r} has shape {rows.shape}; (n, {len(space)}) states or (n, {len(columns)}) are needed"
+                f"{who}: given {self.name!r} has shape {rows.shape}; (n, {len(space)}) states, (n, {len(moving)}) positions and velocities, "
+                f"or (n, {len(columns)}) are needed"
             )
-        m = rows
-        if rows.shape[1] != len(space):
-            m = np.zeros((len(rows), len(space)))
-            m[:, columns] = rows[:, : len(columns)]
+        own = {len(space): list(range(len(space))), len(moving): moving}.get(rows.shape[1], columns)
+        m = np.zeros((len(rows), len(space)))
+        m[:, own] = rows[:, : len(own)]
         P = np.diag(variances(space, self.position_std_m, self.velocity_std_m_s, who))
         n = len(m)
         return Mixture(np.full(n, self.weight), m, np.tile(P, (n, 1, 1)), np.zeros(n, np.int64))
