@@ -4,6 +4,18 @@ from sonobench.board.attribution import attribution
 from sonobench.board.printed import beside
 from sonobench.board.rendering import as_data, render
 from sonobench.board.runs import same_entries, together
+from sonobench.board.shards import absent, noted, refuse_two_parts
 from sonobench.board.table import leaderboard
 
-__all__ = ["as_data", "attribution", "beside", "leaderboard", "render", "same_entries", "together"]
+__all__ = [
+    "absent",
+    "as_data",
+    "attribution",
+    "beside",
+    "leaderboard",
+    "noted",
+    "refuse_two_parts",
+    "render",
+    "same_entries",
+    "together",
+]

@@ -94,19 +94,19 @@ class Run:
 
         References that the study names are always there; further ones are names, `dist:name` or paths of .toml files.
         """
-        from sonobench.board import beside, leaderboard
+        from sonobench.board import absent, beside, leaderboard, noted
 
-        table = leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also)
+        table = noted(leaderboard(self.trials, self.scores, self._metric(metric), by, vs, also), absent(self.studies))
         found, lost = self._references(references)
         metrics = {label: own for study in self.studies for label, own in study.get("metric_tables", {}).items()}
         return beside(table, found, metrics, lost) if found or lost else table
 
     def attribution(self, role: str, metric: str | None = None, by: str | None = None) -> pd.DataFrame:
         """What swapping a component of a role is worth; see `sonobench.board.attribution`."""
-        from sonobench.board import attribution, same_entries
+        from sonobench.board import absent, attribution, noted, same_entries
 
         entries = same_entries([study.get("entries", {}) for study in self.studies], [str(p) for p in self.paths])
-        return attribution(self.trials, self.scores, self._metric(metric), role, entries, by)
+        return noted(attribution(self.trials, self.scores, self._metric(metric), role, entries, by), absent(self.studies))
 
     def where(self, scenes: Sequence[str] = (), at: Mapping[str, Sequence[Any]] | None = None, pipelines: Sequence[str] = ()) -> Run:
         """The same run, of these scenes, swept values and pipelines alone; see `sonobench.report.chosen`."""
@@ -152,9 +152,10 @@ class Run:
         trials, scores = ([run_folder.read_table(p, name) for p in self.paths] for name in ("trials", "scores"))
         if len(self.paths) == 1:
             return trials[0], scores[0]
-        from sonobench.board import same_entries, together
+        from sonobench.board import refuse_two_parts, same_entries, together
 
         names = [str(p) for p in self.paths]
+        refuse_two_parts(self.studies, trials, names)
         same_entries([study.get("entries", {}) for study in self.studies], names)
         return together(trials, scores, names)
 

@@ -65,6 +65,42 @@ def test_boards_of_all_shards_are_the_board_of_the_whole_run(folder):
     pd.testing.assert_frame_equal(whole.board()[columns], joined.board()[columns], rtol=1e-12)
 
 
+def test_a_board_says_which_shards_are_missing(folder, told):
+    for k in (1, 2, 3):
+        run(shard=(k, 4))
+
+    def said(*runs, **options):
+        return [n for n in open_run(*runs).board(**options).attrs["notes"] if "missing" in n]
+
+    rest = "missing: this board is of the other shards' recordings alone."
+    assert said("tiny-1of4") == [f"! 2/4, 3/4 and 4/4 of study tiny are {rest}"]
+    assert said("tiny-1of4", "tiny-3of4", "tiny-2of4") == [f"! 4/4 of study tiny is {rest}"]
+    assert told("board", "tiny-1of4", "--by", "scene").count("2/4, 3/4 and 4/4 of study tiny are missing") == 1
+    assert "of study tiny are missing" in told("board", "tiny-1of4", "--attribute", "tracker")
+    run(shard=(4, 4))
+    assert said(*(f"tiny-{k}of4" for k in (1, 2, 3, 4))) == []
+    run()
+    assert said("tiny", "tiny-1of4") == []
+
+
+def test_shards_of_another_seed_or_with_other_pipelines_are_missing_on_their_own(folder):
+    run(shard=(1, 2)), run(shard=(2, 2))
+    study = Study.load("tiny.toml", only=["guesser"], seed=5)
+    run_study(study, shard=(2, 2), out="seeded", in_process=True, display=Silent())
+    notes = open_run("tiny-1of2", "tiny-2of2", "seeded").board().attrs["notes"]
+    assert [n.partition(" of study")[0] for n in notes if "missing" in n] == ["! 1/2"]
+
+
+def test_the_same_shard_twice_is_refused_where_a_scene_changed_between_them(folder):
+    run(shard=(1, 2), out="a"), run(shard=(1, 2), out="b")
+    assert len(open_run("a", "b").trials) == 4
+    scene = folder / "one.toml"
+    scene.write_text(scene.read_text().replace("p_d = 0.9", "p_d = 0.8"))
+    run(shard=(1, 2), out="c")
+    with pytest.raises(InputError, match=r"a and \S+c are both shard 1/2 of study tiny, but 4 trials are in one of them only"):
+        open_run("a", "b", "c").board()
+
+
 @pytest.mark.parametrize(("shard", "said"), [((0, 4), "from 1 to 4"), ((5, 4), "from 1 to 4"), ((5, 5), "has 4 recordings")])
 def test_shards_that_are_not_there_are_refused(folder, shard, said):
     with pytest.raises(InputError, match=said):
