@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -16,6 +17,7 @@ import pytest
 from harness_study import PLUGIN, STUDY, write_study
 from harness_zoo import Zoo
 
+from sonobench.cli import main
 from sonobench.errors import InputError
 from sonobench.harness import dask_engine, run_study
 from sonobench.harness.progress import Silent
@@ -157,23 +159,39 @@ def test_a_scene_that_a_worker_cannot_render_is_each_trials_error(folder, cluste
     assert trials["exc_message"].str.contains("changed while the study ran").all()
 
 
-def test_a_worker_that_reads_other_code_is_refused(tmp_path, cluster, monkeypatch):
-    monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
-    zoo = Zoo(tmp_path)
-    for path in zoo.paths:
+@pytest.fixture
+def zoo(folder, monkeypatch):
+    made = Zoo(folder)
+    for path in made.paths:
         monkeypatch.syspath_prepend(path)
+    yield made
+    made.forget()
+
+
+def test_a_worker_that_reads_other_code_is_refused(zoo, cluster, monkeypatch):
     chunk_of = dask_engine._Crew._chunk
 
     def edited(crew, jobs):
         (zoo.package / "deep.py").write_text("def deep(x):\n    return 2 * x\n")
         return chunk_of(crew, jobs)
 
-    assert set(zoo.run("plain", in_process=False, scheduler=cluster).trials["status"]) == {"ok"}
     monkeypatch.setattr(dask_engine._Crew, "_chunk", edited)
     with pytest.raises(InputError, match=r"Dask worker inproc://.* has other code than this run: .* must be the same"):
-        zoo.run("plain", in_process=False, scheduler=cluster, fresh=True)
+        zoo.run("plain", in_process=False, scheduler=cluster)
     assert not cells()
-    zoo.forget()
+
+
+def test_a_shard_that_ran_on_dask_is_verified_and_a_tracker_seeded_by_the_clock_is_found(zoo, cluster, capsys):
+    zoo.study("plain", "clock")
+    with pytest.raises(SystemExit) as end:
+        main(["run", "zoos.toml", "--repetitions", "2", "--shard", "2/2", "--scheduler", cluster, "--verify", "100%", "--json"])
+    out, err = capsys.readouterr()
+    assert end.value.code == 3, err
+    found = json.loads(out)
+    (finding,) = found["verified"]["findings"]
+    assert Path(found["run"]).name == "zoos-2of2"
+    assert (found["verified"]["checked"], finding["pipeline"], finding["repetition"]) == (2, "clock", 1)
+    assert "its estimates are others when it is repeated" in finding["fault"]
 
 
 def test_a_scheduler_that_is_not_there_is_an_input_error(folder, monkeypatch):
