@@ -1,4 +1,4 @@
-"""The cache folder: rendered recordings, front ends' scans, compiled code. Always deletable, shared by any number of runs."""
+"""The cache folder: rendered recordings and what they took, front ends' scans, compiled code. Always deletable, shared by any number of runs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from sonobench.errors import InputError
-from sonobench.files import temporaries
+from sonobench.files import replace_file, temporaries
 
 _DAY_S = 86400.0
 SCANS_BUDGET = 4_000_000_000  # bytes of scans that are kept; what does not fit is made again: the same bits
@@ -55,6 +56,25 @@ class Cache:
             return None
         return found if not found.get("beyond") or found.get("session") == session else None
 
+    def keep_cost(self, scene: str, simulator: str, per_s: float) -> None:
+        """What rendering a scene took: seconds for a second of sound; the last time counts.
+
+        Args:
+            scene, simulator: digests of what was rendered, and of the simulator's table.
+        """
+        replace_file(self._folder("costs") / f"{scene[:32]}.json", json.dumps({"simulator": simulator, "per_s": per_s}).encode())
+
+    def costs(self) -> tuple[dict[str, float], dict[str, float]]:
+        """What renderings took, in seconds for a second of sound: by scene (32 digits of its digest), and the mean by simulator."""
+        scenes: dict[str, float] = {}
+        simulators: dict[str, list[float]] = {}
+        for path in (self.root / "costs").glob("*.json"):
+            with suppress(OSError, ValueError, TypeError, KeyError):
+                found = json.loads(path.read_text("utf-8"))
+                scenes[path.stem] = float(found["per_s"])
+                simulators.setdefault(found["simulator"], []).append(scenes[path.stem])
+        return scenes, {name: fmean(values) for name, values in simulators.items()}
+
     def numba(self, digest: str) -> Path:
         """Machine code compiled from sources with this digest."""
         return self._folder("numba") / digest[:16]
@@ -76,7 +96,7 @@ class Cache:
 
     def sweep(self) -> None:
         """Remove what processes that were killed a day ago or earlier had half written; other runs may be writing now."""
-        for name in ("recordings", "scans"):
+        for name in ("recordings", "scans", "costs"):
             for path in temporaries(self._folder(name)):
                 with suppress(FileNotFoundError):
                     if time.time() - path.stat().st_mtime > _DAY_S:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from sonobench.components import digest
 from sonobench.harness.cache import Cache
 from sonobench.harness.cell import Limits, Outcome
 from sonobench.harness.environment import environment_id
 from sonobench.harness.journal import Journal, Recorded, read
 from sonobench.harness.plan import Plan, PlannedTrial
-from sonobench.harness.session import Job, Session
+from sonobench.harness.session import Job, Session, Take
 
 _COSTS = ("front_end_s", "wall_s")  # of a trial: its share of the front end, and all of its own step
 
@@ -32,6 +33,8 @@ class Forecast:
         front_ends: runs of front ends that are needed; None where that cannot be told before rendering.
         seconds: of all steps but rendering, one after the other, from what earlier trials of the same pipelines took; None where none has run.
         unknown: pipelines that no earlier trial tells of.
+        render_seconds: of rendering, one after the other, from what renderings in this cache took; None where none tells.
+        unrendered: scenes that no earlier rendering tells of.
         jobs: workers that share the seconds.
     """
 
@@ -44,6 +47,8 @@ class Forecast:
     front_ends: int | None
     seconds: float | None
     unknown: tuple[str, ...]
+    render_seconds: float | None
+    unrendered: tuple[str, ...]
     jobs: int
 
     def __str__(self) -> str:
@@ -56,15 +61,26 @@ class Forecast:
         return "\n".join(lines)
 
     def _time(self) -> str:
-        if not self.to_run:
+        if not self.to_run and not self.to_render:
             return "seconds"
-        if self.seconds is None:
-            return "unknown, no trial of these pipelines has run yet"
-        shared = self.seconds / self.jobs
-        amount = f"{shared:.0f} s" if shared < 120 else f"{shared / 60:.0f} min" if shared < 7200 else f"{shared / 3600:.1f} h"
-        rendering = ", without rendering" if self.to_render else ""
-        missing = f", and what {', '.join(self.unknown)} take (none has run yet)" if self.unknown else ""
-        return f"about {amount} with {self.jobs} jobs{rendering}, from what earlier trials took{missing}"
+        amounts = [(self.seconds, f"for {self.to_run} trials", self.to_run), (self.render_seconds, "to render", self.to_render)]
+        known = [(amount, what) for amount, what, count in amounts if count and amount is not None]
+        if not known:
+            return "unknown, none of this has run yet"
+        parts = " + ".join(f"{_amount(amount / self.jobs)} {what}" for amount, what in known)
+        whole = f"about {_amount(sum(amount for amount, _ in known) / self.jobs)} with {self.jobs} jobs ({parts}), from what it took before"
+        missing = []
+        if self.unknown:
+            missing.append(f"trials of {', '.join(self.unknown)}")
+        if self.unrendered:
+            missing.append(f"rendering {', '.join(self.unrendered)}")
+        return whole + (f"; unknown, since none has run yet: {' and '.join(missing)}" if missing else "")
+
+
+def _amount(seconds: float) -> str:
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 class Glance:
@@ -92,16 +108,22 @@ def forecast(plan: Plan, folder: Path, jobs: int, limits: Limits, retry_failed: 
     own = {t.pipeline for t in tally.trials}
     unknown = tuple(sorted(p for p in own if not _known(alone, p)))
     seconds = sum(_cost(alone, t) for t in tally.trials) + sum(_cost(shared, t) for t in tally.front_ends)
+    costs = session.cache.costs()
+    rendering = [(take.source.name, _rendering(take, *costs)) for take in tally.renders]
+    unrendered = tuple(sorted({name for name, cost in rendering if cost is None}))
+    found = [cost for _, cost in rendering if cost is not None]
     return Forecast(
         trials=len(plan),
         finished=len(plan) - len(tally.trials) - tally.to_score,
         to_run=len(tally.trials),
         to_score=tally.to_score,
         recordings=len({(id(t.source), t.seed) for t in plan}),
-        to_render=tally.to_render,
+        to_render=len(tally.renders),
         front_ends=None if tally.hidden else len(tally.front_ends),
         seconds=seconds if tally.trials and len(unknown) < len(own) else None if tally.trials else 0.0,
         unknown=unknown,
+        render_seconds=sum(found) if found or not rendering else None,
+        unrendered=unrendered,
         jobs=jobs,
     )
 
@@ -110,21 +132,21 @@ def forecast(plan: Plan, folder: Path, jobs: int, limits: Limits, retry_failed: 
 class _Tally:
     """What is to be done: trials; those whose front end must run; recordings; whether some of it cannot be told yet."""
 
-    trials: list[PlannedTrial]
-    front_ends: list[PlannedTrial]
+    trials: list[PlannedTrial] = field(default_factory=list)
+    front_ends: list[PlannedTrial] = field(default_factory=list)
+    renders: list[Take] = field(default_factory=list)
     to_score: int = 0
-    to_render: int = 0
     hidden: bool = False
 
 
 def _tally(session: Session) -> _Tally:
     """Play the session's jobs through as far as outcomes can be foretold."""
-    tally = _Tally([], [])
+    tally = _Tally()
     while session.ready:
         job = session.ready.popleft()
         step = job.task["step"]
         if step == "render":
-            tally.to_render += not job.take.path.exists()
+            tally.renders += [] if job.take.path.exists() else [job.take]
             hashes = session.journal.recorded.recordings.get(job.take.key)
             if hashes is None:
                 tally.hidden = True
@@ -167,6 +189,13 @@ def _costs(recorded: Recorded) -> tuple[_Costs, _Costs]:
                 found[1][row["pipeline"], scene].append(front_end_s)
     alone, shared = ({key: fmean(values) for key, values in group.items()} for group in found)
     return alone, shared
+
+
+def _rendering(take: Take, scenes: Mapping[str, float], simulators: Mapping[str, float]) -> float | None:
+    """What rendering a recording takes: as this scene did, else as scenes of the same simulator did."""
+    scene = take.source.scene
+    per_s = scenes.get(take.source.sha[:32], simulators.get(digest(scene.table["simulator"])))
+    return None if per_s is None else per_s * float(scene.duration_s)
 
 
 def _known(costs: _Costs, pipeline: str) -> bool:

@@ -20,7 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sonobench.components import canonical_json
+from sonobench.components import canonical_json, digest
 from sonobench.errors import InputError, LogError, SetupError
 from sonobench.files import replace_file
 from sonobench.harness.cache import Cache
@@ -84,12 +84,15 @@ def render(task: Task) -> dict[str, Any]:
     scene = Scene.load(task["home"], _registry(task), task["overrides"])
     if scene.digest() != task["sha"]:
         raise InputError(f"scene {task['home']} changed while the study ran; run it again")
+    begin = time.perf_counter()
     rendering = scene.simulate(task["seed"])
     if found := _beyond(task, "known"):
         replace_file(notes, json.dumps({"beyond": found, "session": task["session"]}).encode())
     else:
         notes.unlink(missing_ok=True)
     write_recording(path, rendering)
+    per_s = (time.perf_counter() - begin) / scene.duration_s
+    Cache(Path(task["cache"])).keep_cost(task["sha"], digest(scene.table["simulator"]), per_s)
     return _hashes(path)
 
 

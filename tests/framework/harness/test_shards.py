@@ -121,6 +121,23 @@ def test_runs_that_differ_in_a_trial_or_in_a_metric_are_no_board(folder):
     assert len(open_run(first.path, first.path).trials) == len(other.trials)
 
 
+def _rendering_is_told_by_the_scene_then_by_its_simulator(folder, ask, told):
+    costs = sorted((folder / "cache/costs").glob("*.json"))
+    shutil.rmtree(folder / "cache/recordings")
+    for path, per_s in zip(costs, (100.0, 300.0), strict=True):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"per_s": per_s}))
+    seconds = {100.0 * 1.0 * 2 + 300.0 * 1.5 * 2, 300.0 * 1.0 * 2 + 100.0 * 1.5 * 2}  # scenes of 1 and 1.5 s, two repetitions
+    assert ask()["forecast"]["render_seconds"] in seconds
+    assert "to render), from what it took before" in told("run", "tiny.toml", "--dry-run")
+    scene = folder / "two.toml"
+    scene.write_text(scene.read_text().replace("duration_s = 1.5", "duration_s = 2.5"))
+    changed = ask()["forecast"]
+    assert changed["render_seconds"] in {per_s * 1.0 * 2 + 200.0 * 2.5 * 2 for per_s in (100.0, 300.0)}
+    scene.write_text(scene.read_text().replace("p_d = 0.9", "p_d = 0.8"))
+    assert ask()["forecast"]["unrendered"] == ["two"]
+    assert "unknown, since none has run yet: rendering two" in told("run", "tiny.toml", "--dry-run")
+
+
 def test_a_dry_run_counts_what_is_there_and_writes_nothing(folder, told):
     def ask(*more):
         return json.loads(told("run", "tiny.toml", "--jobs", 2, "--dry-run", "--json", *more))
@@ -138,8 +155,11 @@ def test_a_dry_run_counts_what_is_there_and_writes_nothing(folder, told):
         "front_ends": None,
         "seconds": None,
         "unknown": ["guesser", "other"],
+        "render_seconds": None,
+        "unrendered": ["one", "two"],
         "jobs": 2,
     }
+    assert "time: unknown, none of this has run yet" in told("run", "tiny.toml", "--dry-run")
     run()
     journal = (folder / "runs/tiny/journal.jsonl").read_bytes()
     after = ask()["forecast"]
@@ -148,11 +168,13 @@ def test_a_dry_run_counts_what_is_there_and_writes_nothing(folder, told):
     more = ask("--repetitions", "3")["forecast"]
     assert (more["finished"], more["to_run"], more["to_render"], more["recordings"]) == (8, 4, 2, 6)
     assert more["seconds"] > 0
+    assert more["render_seconds"] > 0
     shutil.rmtree(folder / "cache/scans")
     (folder / "runs/tiny/estimates").rename(folder / "gone")
     lost = ask()["forecast"]
     assert (lost["finished"], lost["to_run"], lost["to_render"], lost["front_ends"]) == (0, 8, 0, 4)
     assert (folder / "runs/tiny/journal.jsonl").read_bytes() == journal
     assert "about" in told("run", "tiny.toml", "--dry-run")
+    _rendering_is_told_by_the_scene_then_by_its_simulator(folder, ask, told)
     fresh = ask("--fresh")["forecast"]
     assert (fresh["to_run"], fresh["unknown"]) == (8, [])
