@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
 import numpy as np
 from stonesoup.hypothesiser.distance import DistanceHypothesiser
@@ -26,7 +27,8 @@ from stonesoup.types.state import State, TaggedWeightedGaussianState
 from stonesoup.updater.kalman import CubatureKalmanUpdater
 from stonesoup.updater.pointprocess import PHDUpdater
 
-from sonobench.protocols import Mixture
+from sonobench.filtering.mixture import empty
+from sonobench.protocols import Birth, Mixture
 from sonobench.types import Array, Estimate, Scan
 
 EPOCH = datetime(2026, 1, 1)
@@ -81,8 +83,8 @@ class Numbers:
 class StoneSoup:
     """`run` gives one Estimate a scan, with the number of components in its info."""
 
-    def __init__(self, numbers: Numbers, births: Mixture, matrices, microphones: Array, c_m_s: float) -> None:
-        self.numbers, self.births = numbers, births
+    def __init__(self, numbers: Numbers, birth: Birth, memory: Any, matrices, microphones: Array, c_m_s: float) -> None:
+        self.numbers, self.birth, self.memory = numbers, birth, memory
         kicks = type("BoundKicks", (Kicks,), {"matrices": staticmethod(matrices)})
         delays = type("BoundDelays", (Delays,), {"microphones": microphones, "c_m_s": c_m_s})
         noise = CovarianceMatrix(np.eye(4) * numbers.delay_std_s**2)
@@ -106,10 +108,11 @@ class StoneSoup:
     def run(self, scans: Sequence[Scan]) -> list[Estimate]:
         """Births, prediction, update, reduction, extraction, scan by scan."""
         components: set[TaggedWeightedGaussianState] = set()
-        out = []
+        out, memory = [], self.memory
         for scan in scans:
             now = EPOCH + timedelta(seconds=scan.time_s)
-            components |= set(self._born(now))
+            memory, born = self.birth.propose(np.random.default_rng(0), memory, scan, empty(4))
+            components |= set(self._born(born, now))
             rows = [z for group in scan.detections for z in group.z]
             detections = {Detection(StateVector(z), timestamp=now, measurement_model=self.model) for z in rows}
             hypotheses = self.hypothesiser.hypothesise(components, detections, now)
@@ -118,8 +121,8 @@ class StoneSoup:
             out.append(Estimate(scan.time_s, np.reshape(found, (-1, 4)), info={"components": len(components)}))
         return out
 
-    def _born(self, now: datetime):
-        for k, (w, m, P) in enumerate(zip(self.births.w, self.births.m, self.births.P, strict=True)):
+    def _born(self, born: Mixture, now: datetime):
+        for k, (w, m, P) in enumerate(zip(born.w, born.m, born.P, strict=True)):
             yield TaggedWeightedGaussianState(
                 StateVector(m), CovarianceMatrix(P), weight=float(w) / self.numbers.p_s, tag=f"{now}/{k}", timestamp=now
             )
