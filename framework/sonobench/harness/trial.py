@@ -139,10 +139,13 @@ def score(task: Task) -> dict[str, Any]:
 
     truth, registry = _recording(task["recording"]).truth, _registry(task)
     done: dict[str, Any] = {}
+    outputs: dict[str, tuple[Sequence[Any], Space | None]] = {}  # metrics read the same
     for item in task["metrics"]:
         try:
             metric = build("metric", item["table"], registry, item["label"])
-            output, space = _output(task, getattr(metric, "reads", "estimates"))
+            reads = getattr(metric, "reads", "estimates")
+            outputs[reads] = outputs.get(reads) or _output(task, reads)
+            output, space = list(outputs[reads][0]), outputs[reads][1]
             rows = [row._asdict() for row in evaluate(metric, truth, output, space, item["label"])]
             found = _beyond({**task, **item}, "known")
             done[item["key"]] = {"rows": rows, "beyond": found} if found else {"rows": rows}
