@@ -134,12 +134,12 @@ class Run:
         from sonobench.report import write_curves, write_report
 
         metrics = (metric,) if isinstance(metric, str) else tuple(metric or ())
-        if over is not None and not trials:
+        if over is not None and trials:
+            raise InputError("--over draws metrics over all trials; leave --trial out, or narrow down with --scene, --at, --pipeline")
+        if over is not None:
             return write_curves(self, over, metrics, references, out)
-        if over is not None or references or len(metrics) > 1:
-            raise InputError(
-                "trials are pictured one by one, chosen by one metric; several metrics and references belong to `over`, trials do not"
-            )
+        if references or len(metrics) > 1:
+            raise InputError("pictures of trials have no references and one metric, which chooses them; with --over they have several")
         return write_report(self, trials=trials, metric=self._metric(*metrics or [None]), out=out)
 
     def _metric(self, metric: str | None) -> str:

@@ -90,9 +90,7 @@ def time_figure(table: pd.DataFrame, metrics: Sequence[str], heading: str, notes
         _from_zero(axes, mine["mean"])
     panels[-1].set_xlim(table["time_s"].min(), table["time_s"].max())
     title(drawn, heading)
-    n = table["n"][table["n"] > 0]
-    over = f"{n.min()}" if n.min() == n.max() else f"{n.min()} to {n.max()}"
-    _caption(drawn, [f"mean and 95 % interval at each evaluation time, over {over} recordings", *notes, *_left_away(table, styles)])
+    _caption(drawn, [_over_recordings(table), *notes, *_left_away(table, styles)])
     return drawn
 
 
@@ -171,7 +169,7 @@ def _with_intervals(axes: Any, x: Any, own: pd.DataFrame, style: Curve, label: s
 def _metric_label(metric: str, mine: pd.DataFrame) -> str:
     unit = mine["unit"].iloc[0] if len(mine) else ""
     arrow = {"lower": " ↓", "higher": " ↑"}.get(str(mine["better"].iloc[0]), "") if "better" in mine and len(mine) else ""
-    shown = {"1": "", "mixed": "m and m/s mixed"}.get(unit, unit)
+    shown = {"1": "", "mixed": "mixed units"}.get(unit, unit)
     return labelled(f"{metric}{arrow}", shown)
 
 
@@ -188,6 +186,14 @@ def _intervals_over(table: pd.DataFrame) -> str:
         return "mean; no interval can be given of one unit"
     shown = list(told)[:3]
     return f"mean and 95 % interval of the board, at each value over {' or '.join(shown)}{' …' if len(told) > 3 else ''}"
+
+
+def _over_recordings(table: pd.DataFrame) -> str:
+    n = table["n"][table["n"] > 0]
+    if n.max() == 1:
+        return "one recording, so no interval"
+    over = f"{n.min()}" if n.min() == n.max() else f"{n.min()} to {n.max()}"
+    return f"mean and 95 % interval at each evaluation time, over {over} recordings"
 
 
 def _pooled(table: pd.DataFrame) -> list[str]:

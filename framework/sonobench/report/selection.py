@@ -38,10 +38,8 @@ def chosen(
         for value in values:
             there = sorted_values(trials[column])
             if not any(same(value, v) for v in there):
-                raise InputError(f"{column} is nowhere {value}; the run has {there}")
+                raise InputError(f"{column} is nowhere {value}; there is {there}")
         trials = trials[kept | (trials[column].isna() if column.startswith(_OWN) else False)]
-    if trials.empty:
-        raise InputError("no trial of the run has all of the chosen scenes, pipelines and values together")
     return trials
 
 
@@ -91,6 +89,6 @@ def _matching(word: str, patterns: Sequence[str], there: Sequence[str]) -> list[
     for pattern in patterns:
         mine = [n for n in there if n == pattern or fnmatch.fnmatchcase(n, pattern)]
         if not mine:
-            raise InputError(f"the run has no {word} {pattern!r}; it has {list(there)}{did_you_mean(pattern, there)}")
+            raise InputError(f"there is no {word} {pattern!r}, but {list(there)}{did_you_mean(pattern, there)}")
         found += mine
     return found

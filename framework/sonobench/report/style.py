@@ -102,6 +102,7 @@ def safe_name(text: str) -> str:
 
 def shown(value: Any) -> str:
     """A swept value in a title or a file's name: 0.000125, true, pink."""
+    value = value.item() if hasattr(value, "item") else value
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.10g}" if isinstance(value, float) else str(value)
