@@ -172,6 +172,8 @@ class Birth(Protocol):
 
     Attribute `uses_scan`: True when proposals come from the scan's own measurements (which must then not be counted
     twice: the tracker adds them after its update), False when they are a prior that goes through the update.
+    Optional method `initial(memory) -> Mixture`: components that exist at the setup's start already; they are predicted
+    before the first update, as births are not.
     """
 
     @property

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from sonobench.errors import InputError, SetupError
-from sonobench.protocols import BoundMeasurement, Measurement, Motion
+from sonobench.filtering.mixture import empty
+from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State
 from sonobench.types import Array, Scan, Setup
 
 Update = Literal["iterated", "stacked"]
@@ -31,6 +32,12 @@ def bound(motion: Motion, measurement: Measurement, setup: Setup, update: Update
             'name one stack in the measurement\'s `sensor`, or use update = "iterated"'
         )
     return model
+
+
+def initial(birth: Birth, memory: State, d: int) -> Mixture:
+    """Components that exist at the setup's start, before the first scan, which the first step predicts; most births know of none."""
+    known = getattr(birth, "initial", None)
+    return empty(d) if known is None else known(memory)
 
 
 def elapsed(time_s: float, scan: Scan) -> float:

@@ -1,6 +1,6 @@
 """Births at the same places in every scan, as parameters.
 
-Source: Vo & Ma 2006, eq. 15; Chen, Chen, Yin & Hou 2012, eq. 18, whose prior of the first scan is `once`.
+Source: Vo & Ma 2006, eq. 15; Chen, Chen, Yin & Hou 2012, eq. 18, whose prior at k = 0 is `once`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from sonobench.types import Array, Scan, Setup, Space, read_only
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A Gaussian mixture of births; memory is whether the next scan is the first."""
+    """A Gaussian mixture of births; no memory."""
 
     means: Array  #: (n, d) in the state's order and units
     variances: Array  #: (n, d) diagonals of the covariances, or (1, d) for all
     weights: Array  #: (n,) expected births a scan, or (1,) for all
-    once: int = 0  #: this many leading rows are born at the first scan only
+    once: int = 0  #: this many leading rows exist at the recording's start, and are not born later
 
     def __post_init__(self) -> None:
         means = read_only(self.means, shape=(None, None), name="means")
@@ -44,18 +44,24 @@ class Fixed:
         return False
 
     def start(self, space: Space, setup: Setup, measurement: BoundMeasurement) -> State:
-        """True: the next scan is the first.
+        """Nothing to remember.
 
         Raises:
             SetupError: the means are of another dimension than the state.
         """
         if self.means.shape[1] != len(space):
             raise SetupError(f"birth fixed has means of {self.means.shape[1]} numbers; the state space is {list(space.names)}")
-        return True
+        return None
 
     def propose(self, rng: np.random.Generator, memory: State, scan: Scan, live: Mixture) -> tuple[State, Mixture]:
-        """All rows at the first scan, those after `once` later."""
-        keep = slice(0 if memory else self.once, None)
-        m = self.means[keep]
-        P = self.variances[keep][:, :, None] * np.eye(m.shape[1])
-        return False, Mixture(self.weights[keep], m, P, np.zeros(len(m), np.int64))
+        """The rows after `once`."""
+        return None, self._rows(slice(self.once, None))
+
+    def initial(self, memory: State) -> Mixture:
+        """The first `once` rows."""
+        return self._rows(slice(self.once))
+
+    def _rows(self, which: slice) -> Mixture:
+        m = self.means[which]
+        P = self.variances[which][:, :, None] * np.eye(m.shape[1])
+        return Mixture(self.weights[which], m, P, np.zeros(len(m), np.int64))

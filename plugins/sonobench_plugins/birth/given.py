@@ -12,6 +12,7 @@ import numpy as np
 
 from sonobench.errors import SetupError
 from sonobench.filtering.kinematics import position_columns, variances
+from sonobench.filtering.mixture import take
 from sonobench.protocols import BoundMeasurement, Mixture, State
 from sonobench.types import Scan, Setup, Space
 
@@ -24,6 +25,7 @@ class Given:
     weight: float = 0.1  #: expected births a scan at each row
     position_std_m: float = 0.1  #: spread of each position coordinate
     velocity_std_m_s: float = 0.3  #: spread of each velocity coordinate
+    once: int = 0  #: this many leading rows exist at the recording's start, and are not born later
 
     @property
     def uses_scan(self) -> bool:
@@ -50,6 +52,8 @@ class Given:
                 f"{who}: given {self.name!r} has shape {rows.shape}; (n, {len(space)}) states, (n, {len(moving)}) positions and velocities, "
                 f"or (n, {len(columns)}) are needed"
             )
+        if not 0 <= self.once <= len(rows):
+            raise SetupError(f"{who}: once is {self.once}; given {self.name!r} has {len(rows)} rows")
         own = {len(space): list(range(len(space))), len(moving): moving}.get(rows.shape[1], columns)
         m = np.zeros((len(rows), len(space)))
         m[:, own] = rows[:, : len(own)]
@@ -58,5 +62,9 @@ class Given:
         return Mixture(np.full(n, self.weight), m, np.tile(P, (n, 1, 1)), np.zeros(n, np.int64))
 
     def propose(self, rng: np.random.Generator, memory: State, scan: Scan, live: Mixture) -> tuple[State, Mixture]:
-        """The same mixture."""
-        return memory, memory
+        """The rows after `once`."""
+        return memory, take(memory, np.arange(self.once, len(memory.w)))
+
+    def initial(self, memory: State) -> Mixture:
+        """The first `once` rows."""
+        return take(memory, np.arange(self.once))

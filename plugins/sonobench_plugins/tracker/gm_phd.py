@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sonobench.filtering.evidence import searched
-from sonobench.filtering.mixture import cap, empty, extract, merge, predict, union
+from sonobench.filtering.mixture import cap, extract, merge, predict, union
 from sonobench.filtering.phd import Moments, correct
-from sonobench.filtering.steps import Update, bound, elapsed, pose_of, survival
+from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
 from sonobench.types import Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
@@ -67,14 +67,16 @@ class GaussianMixturePhd:
         return self.motion.space
 
     def init(self, rng: np.random.Generator, setup: Setup) -> PhdState:
-        """Nobody, at the setup's start.
+        """Nobody, or whom the birth knows of, at the setup's start.
 
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
         model = bound(self.motion, self.measurement, setup, self.update, "gm-phd")
         memory = self.birth.start(self.space, setup, model)
-        return PhdState(time_s=setup.start_s, mixture=empty(len(self.space)), memory=memory, measurement=model, setup=setup)
+        return PhdState(
+            time_s=setup.start_s, mixture=initial(self.birth, memory, len(self.space)), memory=memory, measurement=model, setup=setup
+        )
 
     def step(self, rng: np.random.Generator, state: PhdState, scan: Scan) -> tuple[PhdState, Estimate]:
         """Predict, update, prune, merge, cap, extract."""

@@ -20,7 +20,7 @@ from sonobench.filtering.evidence import rows_of, searched
 from sonobench.filtering.gaussian import gain, log_gaussian, symmetric
 from sonobench.filtering.mixture import cap, empty, merge, prune, union
 from sonobench.filtering.phd import log_intensity, patterns
-from sonobench.filtering.steps import Update, bound, elapsed, pose_of, survival
+from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
 from sonobench.types import Array, Estimate, Floats, Ints, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
@@ -73,14 +73,16 @@ class LabelledMultiBernoulli:
         return self.motion.space
 
     def init(self, rng: np.random.Generator, setup: Setup) -> LmbState:
-        """Nobody, at the setup's start.
+        """Nobody, or whom the birth knows of, at the setup's start.
 
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
         model = bound(self.motion, self.measurement, setup, self.update, "lmb")
         memory = self.birth.start(self.space, setup, model)
-        return LmbState(setup.start_s, empty(len(self.space)), np.zeros(0, np.int64), 0, memory, model, setup)
+        known = initial(self.birth, memory, len(self.space))
+        mixture, labels, following = _join(empty(len(self.space)), np.zeros(0, np.int64), 0, known)
+        return LmbState(setup.start_s, mixture, labels, following, memory, model, setup)
 
     def step(self, rng: np.random.Generator, state: LmbState, scan: Scan) -> tuple[LmbState, Estimate]:
         """Predict, give birth, update, prune, merge, cap, extract."""

@@ -22,7 +22,7 @@ from sonobench.filtering.kinematics import position_columns
 from sonobench.filtering.particles import Cloud, balls, empty_cloud, join, shared
 from sonobench.filtering.phd import reweigh
 from sonobench.filtering.resampling import systematic
-from sonobench.filtering.steps import Update, bound, elapsed, pose_of, survival
+from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State
 from sonobench.types import Array, Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
@@ -74,7 +74,7 @@ class ParticlePhd:
         return self.motion.space
 
     def init(self, rng: np.random.Generator, setup: Setup) -> ParticleState:
-        """Nobody, at the setup's start.
+        """Nobody, or whom the birth knows of, at the setup's start.
 
         Raises:
             SetupError: a model does not fit the setup or this filter.
@@ -87,7 +87,8 @@ class ParticlePhd:
                 f'reads {len(model.sensors)}; use extraction = "balls"'
             )
         memory = self.birth.start(self.space, setup, model)
-        return ParticleState(time_s=setup.start_s, cloud=empty_cloud(len(self.space)), memory=memory, measurement=model, setup=setup)
+        cloud = self._sampled(rng, initial(self.birth, memory, len(self.space)))
+        return ParticleState(time_s=setup.start_s, cloud=cloud, memory=memory, measurement=model, setup=setup)
 
     def step(self, rng: np.random.Generator, state: ParticleState, scan: Scan) -> tuple[ParticleState, Estimate]:
         """Predict, update, extract, resample."""

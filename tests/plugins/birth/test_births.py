@@ -51,14 +51,27 @@ def test_every_birth_fits_the_role_and_says_whether_it_reads_the_scan(birth):
     assert birth.uses_scan is isinstance(birth, FromDetections)
 
 
-def test_fixed_gives_its_leading_rows_once_and_the_others_always():
+def test_fixed_has_its_leading_rows_at_the_start_and_the_others_in_every_scan():
     where = scenes.setup()
-    memory, first = FIXED.propose(np.random.default_rng(0), started(FIXED, where), stacked(), empty(4))
-    _, second = FIXED.propose(np.random.default_rng(0), memory, stacked(), empty(4))
-    np.testing.assert_array_equal(first.m, scenes.BIRTHS)
-    np.testing.assert_array_equal(second.m, scenes.BIRTHS[2:])
-    np.testing.assert_array_equal(second.w, [0.2])
-    np.testing.assert_array_equal(second.P, np.eye(4)[None] * 1e-4)
+    memory = started(FIXED, where)
+    first = FIXED.initial(memory)
+    for _ in range(2):
+        memory, later = FIXED.propose(np.random.default_rng(0), memory, stacked(), empty(4))
+        np.testing.assert_array_equal(later.m, scenes.BIRTHS[2:])
+        np.testing.assert_array_equal(later.w, [0.2])
+        np.testing.assert_array_equal(later.P, np.eye(4)[None] * 1e-4)
+    np.testing.assert_array_equal(first.m, scenes.BIRTHS[:2])
+    np.testing.assert_array_equal(first.w, [0.1, 0.1])
+
+
+def test_given_rows_may_exist_at_the_start_only():
+    where = scenes.setup(given={"births": scenes.BIRTHS})
+    birth = Given(once=2)
+    memory = started(birth, where)
+    np.testing.assert_array_equal(birth.initial(memory).m, scenes.BIRTHS[:2])
+    np.testing.assert_array_equal(proposed(birth, where, stacked()).m, scenes.BIRTHS[2:])
+    with pytest.raises(SetupError, match=r"once is 4; given 'births' has 3 rows"):
+        started(Given(once=4), where)
 
 
 def test_fixed_refuses_rows_that_do_not_fit():

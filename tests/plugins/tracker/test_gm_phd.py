@@ -26,7 +26,7 @@ EXACT = {"prune_weight": 0.0, "merge_distance": 0.0, "max_components": 10**6}
 
 
 def one(x, P=None, w=1.0, once=1):
-    """One component, before the first scan only."""
+    """One component, at the start only."""
     return Fixed(np.array([x], float), np.array([np.full(4, 0.2) if P is None else P]), np.array([w]), once=once)
 
 
@@ -50,11 +50,10 @@ def test_one_target_always_detected_without_clutter_is_the_kalman_filter():
     state = tracker.init(rng, setup())
     m, P = np.array([1, 0.5, 2, -0.3]), np.eye(4) * 0.2
     H, R, time_s = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]]), np.eye(2) * 0.01, 0.0
-    for k, dt_s in enumerate([0.5, 0.1, 0.0, 1.7, 0.03]):
+    for dt_s in (0.5, 0.1, 0.0, 1.7, 0.03):
         time_s += dt_s
         F, Q = motion.matrices(dt_s)
-        if k:  # births join at the first scan, unpredicted
-            m, P = F @ m, F @ P @ F.T + Q
+        m, P = F @ m, F @ P @ F.T + Q
         z = H @ m + 0.1 * rng.standard_normal(2)
         S = H @ P @ H.T + R
         K = P @ H.T @ np.linalg.inv(S)
@@ -158,13 +157,14 @@ def test_the_whole_recursion_without_reduction_is_the_sum_over_all_histories():
     tracker = GaussianMixturePhd(motion, model, Linearised(), births, p_s=0.9, **EXACT)
     state = tracker.init(rng, setup())
     H, R, kappa = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]]), np.eye(2) * 0.16, 0.02
-    parts, time_s = [], 0.0
-    for k, dt_s in enumerate([1.0, 0.5, 2.0]):
+    known = [(births.weights[i], births.means[i], np.diag(births.variances[i])) for i in range(2)]
+    parts, time_s = known[:1], 0.0
+    for dt_s in (1.0, 0.5, 2.0):
         time_s += dt_s
         z = rng.uniform(0, 4, (2, 2))
         F, Q = motion.matrices(dt_s)
         parts = [(w * 0.9**dt_s, F @ m, F @ P @ F.T + Q) for w, m, P in parts]
-        parts += [(births.weights[i], births.means[i], np.diag(births.variances[i])) for i in range(1 if k else 0, 2)]
+        parts += known[1:]
         after = [(0.2 * w, m, P) for w, m, P in parts]
         for row in z:
             g = [0.8 * w * multivariate_normal(H @ m, H @ P @ H.T + R).pdf(row) for w, m, P in parts]

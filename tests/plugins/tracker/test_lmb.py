@@ -20,7 +20,7 @@ H = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
 
 
 def born(means, w):
-    """Components of covariance .2 I, before the first scan only."""
+    """Components of covariance .2 I, at the start only."""
     means = np.array(means, float)
     return Fixed(means, np.full((1, 4), 0.2), np.array(w, float), once=len(means))
 
@@ -51,11 +51,10 @@ def test_one_target_always_detected_without_clutter_is_the_kalman_filter():
     tracker = tracker_of([[1, 0.5, 2, -0.3]], [1.0], p_d=1.0, clutter=0.0, p_s=1.0)
     m, P, R, time_s = np.array([1, 0.5, 2, -0.3]), np.eye(4) * 0.2, np.eye(2) * 0.01, 0.0
     state = tracker.init(rng, setup())
-    for k, dt_s in enumerate([0.5, 0.1, 0.0, 1.7]):
+    for dt_s in (0.5, 0.1, 0.0, 1.7):
         time_s += dt_s
         F, Q = tracker.motion.matrices(dt_s)
-        if k:
-            m, P = F @ m, F @ P @ F.T + Q
+        m, P = F @ m, F @ P @ F.T + Q
         z = H @ m + 0.1 * rng.standard_normal(2)
         S = H @ P @ H.T + R
         K = P @ H.T @ np.linalg.inv(S)
@@ -93,7 +92,7 @@ def test_an_update_is_the_sum_over_every_set_of_tracks_and_every_association():
     means = np.array([[1.0, 0, 1, 0], [1.3, 0, 1.2, 0], [3, 0, 3, 0]])
     r, z = [0.7, 0.9, 0.3], np.array([[1.1, 1.1], [1.4, 1.0], [2.6, 3.2]])
     tracker = tracker_of(means, r, extract_existence=0.0, **EXACT)
-    _, (estimate,) = run(tracker, [scan(0.1, z)])
+    _, (estimate,) = run(tracker, [scan(0.0, z)])
     existence, mean = enumerated(means, r, z, 0.9, 0.5)
     np.testing.assert_allclose(estimate.existence, existence, atol=1e-9)
     np.testing.assert_allclose(estimate.states, mean, atol=1e-9)
@@ -101,7 +100,7 @@ def test_an_update_is_the_sum_over_every_set_of_tracks_and_every_association():
 
 
 def test_a_missed_track_keeps_r_times_its_miss_over_what_may_be():
-    _, (estimate,) = run(tracker_of([[1, 0, 2, 0]], [0.999], p_d=0.98), [scan(0.1, np.zeros((0, 2)))])
+    _, (estimate,) = run(tracker_of([[1, 0, 2, 0]], [0.999], p_d=0.98), [scan(0.0, np.zeros((0, 2)))])
     assert estimate.existence[0] == pytest.approx(0.999 * 0.02 / (1 - 0.999 * 0.98))
     assert estimate.existence[0] > 0.9
 
