@@ -154,6 +154,8 @@ def _scaled(log_w: Array, log_pg: Array, log_kappa: Array, q: Array, cut: float)
         log_scale = np.logaddexp(np.log(share.sum(axis=(0, 1))) + top, log_kappa)
         known = np.isfinite(log_scale)
         a = share * np.where(known, np.exp(top - log_scale), 0.0) * np.exp(-log_w)[:, None, None]
+        lost = np.isneginf(log_w)  # a particle without weight still has a factor
+        a[lost] = np.exp(log_pg[lost] - log_scale)
         kappa = np.where(known, np.exp(log_kappa - log_scale), 0.0)
     used = np.flatnonzero((a > cut * q[:, :, None] * kappa).any(axis=(0, 1))).astype(np.int64)
     return np.ascontiguousarray(a[:, :, used]), kappa[used], used

@@ -10,10 +10,11 @@ from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, M
 from sonobench.types import Array, Scan, Setup
 
 Update = Literal["iterated", "stacked"]
+JointUpdate = Literal["iterated", "stacked", "joint"]
 
 
-def bound(motion: Motion, measurement: Measurement, setup: Setup, update: Update, who: str) -> BoundMeasurement:
-    """The measurement model on this setup, for a tracker of one motion mode and one detection a target and sensor.
+def bound(motion: Motion, measurement: Measurement, setup: Setup, update: JointUpdate, who: str, several: bool = False) -> BoundMeasurement:
+    """The measurement model on this setup, for a tracker of one motion mode and, unless `several`, one detection a target and sensor.
 
     Raises:
         SetupError: the models do not fit each other, the setup or the tracker; names both sides.
@@ -21,7 +22,7 @@ def bound(motion: Motion, measurement: Measurement, setup: Setup, update: Update
     if motion.n_modes != 1:
         raise SetupError(f"{who} tracks one motion mode; motion {type(motion).__name__} has {motion.n_modes}")
     model = measurement.bind(motion.space, setup)
-    if model.n_modes != 1:
+    if model.n_modes != 1 and not several:
         raise SetupError(
             f"{who} takes one detection a target and sensor; measurement {type(measurement).__name__} predicts up to {model.n_modes}"
         )

@@ -1,11 +1,14 @@
-"""The bootstrap particle PHD filter (SMC-PHD).
+"""The bootstrap particle PHD filter (SMC-PHD), also for targets that cause several detections and for several sensors jointly.
 
+With a measurement model of L > 1 modes (echoes) a sensor's update is the exact multi-detection one (MD-PHD). Several sensors
+are taken one after the other ("iterated", whose result depends on their order), or at once ("joint", the exact update of all).
 Source: Vo, Singh & Doucet 2005, "Sequential Monte Carlo methods for multitarget filtering with random finite sets", section
 III; the thesis of Liang 2016, chapter 4. Extraction by measurement: Zhao, Zheng & Liu 2010, also Ristic et al. 2010.
 Deviations: Liang prints Q as 4×4 beside a 4×2 gain and leaves R, births and clutter region open; here they are the models'.
 eq. 4-26 lacks its sum over particles. Instead of k-means, which needs a count and splits clutter evenly, extraction takes
 the balls of radius cluster_m that hold most weight, one after the other, as long as they hold more than extract_weight.
-A frame in which no sensor was searched only predicts, and nothing is born in it.
+A frame in which no sensor was searched only predicts, and nothing is born in it. Eq. 5-23, a product over sensors, is a
+single-target formula (its mass explodes), and is not here; eq. 5-29 is, without listing partitions (`filtering.multidetection`).
 """
 
 from __future__ import annotations
@@ -19,10 +22,11 @@ from sonobench.errors import SetupError
 from sonobench.filtering.evidence import searched
 from sonobench.filtering.gaussian import root
 from sonobench.filtering.kinematics import position_columns
+from sonobench.filtering.multidetection import evidence, factors
 from sonobench.filtering.particles import Cloud, balls, empty_cloud, join, shared
 from sonobench.filtering.phd import reweigh
 from sonobench.filtering.resampling import systematic
-from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
+from sonobench.filtering.steps import JointUpdate, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State
 from sonobench.types import Array, Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
@@ -49,7 +53,8 @@ class ParticlePhd:
     measurement: Measurement = field(default_factory=Tdoa)  #: what sensors measure of them
     birth: Birth = field(default_factory=FromDetections)  #: where targets appear
     p_s: float = 0.99  #: probability that a target survives one period (a scan, where scans have no period)
-    update: Update = "iterated"  #: "iterated" over any sensors; "stacked" insists on a single one
+    update: JointUpdate = "iterated"  #: "iterated" over any sensors; "joint": all at once; "stacked" insists on a single one
+    cut: float = 1e-6  #: of several detections a target: joint origins that are less probable than this beside others; 0 is exact
     particles: int = 500  #: after resampling, for each expected target
     most_particles: int = 4000  #: after resampling, in all
     born_particles: int = 200  #: for each component that the birth proposes
@@ -61,10 +66,12 @@ class ParticlePhd:
     def __post_init__(self) -> None:
         if not 0 <= self.p_s <= 1:
             raise ValueError(f"p_s is {self.p_s}; 0 to 1 is needed")
-        if self.update not in ("iterated", "stacked") or self.extraction not in ("balls", "measurement"):
+        if self.update not in ("iterated", "stacked", "joint") or self.extraction not in ("balls", "measurement"):
             raise ValueError(
-                f"update {self.update!r} must be 'iterated' or 'stacked', extraction {self.extraction!r} 'balls' or 'measurement'"
+                f"update {self.update!r} must be 'iterated', 'stacked' or 'joint', extraction {self.extraction!r} 'balls' or 'measurement'"
             )
+        if not 0 <= self.cut < 1:
+            raise ValueError(f"cut is {self.cut}; at least 0 and below 1 is needed")
         if min(self.particles, self.most_particles, self.born_particles) < 1 or not self.extract_weight > 0:
             raise ValueError("numbers of particles must be at least 1 and extract_weight above 0")
 
@@ -79,12 +86,12 @@ class ParticlePhd:
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
-        model = bound(self.motion, self.measurement, setup, self.update, "smc-phd")
+        model = bound(self.motion, self.measurement, setup, self.update, "smc-phd", several=True)
         position_columns(self.space, "smc-phd")
-        if self.extraction == "measurement" and len(model.sensors) != 1:
+        if self.extraction == "measurement" and (len(model.sensors) != 1 or model.n_modes != 1):
             raise SetupError(
-                f'smc-phd with extraction = "measurement" reads one sensor, measurement {type(self.measurement).__name__} '
-                f'reads {len(model.sensors)}; use extraction = "balls"'
+                f'smc-phd with extraction = "measurement" reads one sensor and one detection a target, measurement '
+                f'{type(self.measurement).__name__} reads {len(model.sensors)} and predicts up to {model.n_modes}; use extraction = "balls"'
             )
         memory = self.birth.start(self.space, setup, model)
         cloud = self._sampled(rng, initial(self.birth, memory, len(self.space)))
@@ -99,9 +106,8 @@ class ParticlePhd:
         if heard and not self.birth.uses_scan:
             memory, born = self.birth.propose(rng, memory, scan, _summary(cloud))
             cloud = join(cloud, self._sampled(rng, born))
-        for q in heard:
-            z_hat = state.measurement.h(cloud.x, q, pose_of(state.setup, scan, q))[..., 0, :]
-            log_w, shares = reweigh(cloud.log_w, cloud.x, z_hat, scan, state.measurement, q)
+        for sensors in [heard] if self.update == "joint" and heard else [(q,) for q in heard]:
+            log_w, shares = self._update(cloud, state, scan, sensors)
             cloud = cloud._replace(log_w=log_w)
         found = self._extract(cloud, shares)
         mass = float(np.exp(cloud.log_w).sum())
@@ -128,6 +134,16 @@ class ParticlePhd:
         log_w = np.log(born.w[kept] / self.born_particles)
         x = (born.m[:, None] + noise)[kept].reshape(-1, d)
         return Cloud(np.repeat(log_w, self.born_particles), x, np.repeat(born.mode[kept], self.born_particles))
+
+    def _update(self, cloud: Cloud, state: ParticleState, scan: Scan, sensors: tuple[int, ...]) -> tuple[Array, Array | None]:
+        """New log weights, and the log share of each row in them where a row is one target's only detection."""
+        model, q = state.measurement, sensors[0]
+        if model.n_modes == 1 and len(sensors) == 1:
+            z_hat = model.h(cloud.x, q, pose_of(state.setup, scan, q))[..., 0, :]
+            return reweigh(cloud.log_w, cloud.x, z_hat, scan, model, q)
+        found = factors(cloud.log_w, *evidence(cloud.x, scan, model, state.setup, sensors), cut=self.cut)
+        with np.errstate(divide="ignore"):
+            return cloud.log_w + np.log(found.factor), None
 
     def _extract(self, cloud: Cloud, shares: Array | None) -> Mixture:
         if self.extraction == "measurement" and shares is not None:

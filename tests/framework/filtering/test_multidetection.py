@@ -168,6 +168,12 @@ def test_rows_that_nobody_can_cause_change_nothing_but_count_as_clutter():
     assert found.explained.shape == (4, 83)
 
 
+def test_a_particle_without_weight_has_a_factor():
+    w, pg, miss, kappa = numbers(4, 4, 2, 3)
+    w = np.where(np.arange(4) == 2, 0.0, w)
+    np.testing.assert_allclose(solved(w, pg, miss, kappa, cut=0.0).factor, listed(w, pg, miss, kappa), rtol=1e-12)
+
+
 def test_bad_input_says_what_came_and_what_is_needed():
     w, pg, miss, kappa = numbers(2, 4, 2, 3)
     with pytest.raises(ValueError, match=r"log_kappa \(2,\).*do not fit log_pg \(4, 2, 3\)"):
