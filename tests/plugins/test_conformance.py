@@ -32,6 +32,7 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
         "low_m": [0.2, 0.2],
         "high_m": [3.0, 2.8],
     },
+    ("measurement", "tdoa-images"): {"reach_s": 0.02, "sensor": "pair"},
     ("trajectory", "waypoints"): {"points_m": [[1.0, 1.0, 1.2], [3.0, 1.0, 1.2], [3.0, 2.0, 1.2]], "speed_m_s": 0.5},
 }
 _SPATIAL = {"use": "constant-velocity", "dims": 3}
@@ -47,6 +48,8 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("tracker", {"use": "smc-phd", "motion": _SPATIAL}),
     ("tracker", {"use": "ck-phd", "birth": {"use": "room"}}),
     ("tracker", {"use": "smc-phd", "birth": {"use": "room"}}),
+    ("tracker", {"use": "smc-phd", "update": "joint", "birth": {"use": "room"}, "measurement": {"use": "tdoa", "sensor": "pair"}}),
+    ("tracker", {"use": "smc-phd", "birth": {"use": "room"}, "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}),
     ("pipeline", {"front_end": "recorded", "tracker": "smc-phd"}),
 ]
 

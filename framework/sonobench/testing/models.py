@@ -250,6 +250,8 @@ def measurement_clutter(case: Case) -> None:
             if unit.kind != "tdoa":
                 raise Skip(f"the kit cannot integrate over sensors of kind {unit.kind!r}")
             limit = 1.25 * max_delay(unit.elements, unit.pairs, setup.c_m_s)
+            while limit.max() < 1 and np.isfinite(bound.log_clutter(np.diag(limit), q)).any():
+                limit = 1.25 * limit  # echoes reach beyond the aperture
             z = np.random.default_rng(4).uniform(-limit, limit, (60000, len(limit)))
             density = np.exp(np.asarray(bound.log_clutter(z, q))) * np.prod(2 * limit)
             error = 6 * density.std() / np.sqrt(len(z)) + 0.02 * expected
