@@ -170,7 +170,7 @@ def _metric_label(metric: str, mine: pd.DataFrame) -> str:
     unit = mine["unit"].iloc[0] if len(mine) else ""
     arrow = {"lower": " ↓", "higher": " ↑"}.get(str(mine["better"].iloc[0]), "") if "better" in mine and len(mine) else ""
     shown = {"1": "", "mixed": "mixed units"}.get(unit, unit)
-    return labelled(f"{metric}{arrow}", shown)
+    return textwrap.fill(labelled(f"{metric}{arrow}", shown).replace(",", ", "), 34)
 
 
 def _from_zero(axes: Any, means: pd.Series) -> None:

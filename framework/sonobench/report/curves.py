@@ -9,8 +9,7 @@ from sonobench.board.measured import measured
 from sonobench.board.pooling import units
 from sonobench.board.printed import PREFIX, in_group
 from sonobench.board.select import of_metric, parts
-from sonobench.errors import InputError
-from sonobench.report.selection import scene_columns, sorted_values, swept_column
+from sonobench.report.selection import metrics_of, scene_columns, sorted_values, swept_column
 from sonobench.report.style import shown
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ def curve(run: Run, over: str, metrics: Sequence[str] = (), references: Sequence
     Args:
         run: all of it is used; `run.where(...)` narrows it down.
         over: a swept column, or any unique ending of it.
-        metrics: by default the run's first.
+        metrics: names, or patterns such as "ospa*"; by default the run's first.
         references: published numbers beside those that the study names.
 
     Returns:
@@ -45,10 +44,7 @@ def curve(run: Run, over: str, metrics: Sequence[str] = (), references: Sequence
     column = swept_column(run.trials, over)
     tables: list[pd.DataFrame] = []
     notes: dict[str, list[str]] = {}
-    wanted = tuple(metrics) or run.metrics[:1]
-    if not wanted:
-        raise InputError(f"{run.path}: the run has no metric")
-    for metric in dict.fromkeys(wanted):
+    for metric in metrics_of(run, metrics):
         board = run.board(metric, by=column, references=references)
         groups = [g for g in board.attrs["groups"] if g["value"] is not None]
         counted = _counts(run, metric, column)

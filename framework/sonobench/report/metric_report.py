@@ -48,7 +48,7 @@ def write_curves(
     table = run.curve(over, metrics, references)
     scenes = table.attrs["scenes"]
     heading = f"{run.path.name}: {', '.join(scenes) if len(scenes) <= 4 else f'{len(scenes)} scenes'}"
-    name = f"over-{table.attrs['column'].rpartition('.')[2]}-{'+'.join(table.attrs['metrics'])}{_narrowed(table)}"
+    name = f"over-{table.attrs['column'].rpartition('.')[2]}-{_words(run, table.attrs['metrics'])}{_narrowed(table)}"
     drawn = curve_figure(table, heading)
     return _written(made(folder), name, drawn, table)
 
@@ -77,8 +77,21 @@ def _over_time(run: Run, metrics: Sequence[str], folder: Path) -> list[Path]:
         lost = table.attrs["left_out"].get(tuple(scenario.values()), 0)
         own = [*notes, *([f"{lost} recordings that not every pipeline has a score of are left out"] if lost else [])]
         drawn = time_figure(mine, wanted, f"{run.path.name}: {_called(scenario)}", own)
-        written += _written(folder, f"time-{'+'.join(wanted)}-{_called(scenario)}", drawn, mine)
+        written += _written(folder, f"time-{_words(run, wanted)}-{_called(scenario)}", drawn, mine)
     return written
+
+
+def _words(run: Run, metrics: Sequence[str]) -> str:
+    """Metrics in a file's name, without settings: "ospa+cardinality.are"; of several settings "ospa-2", counted as in the study."""
+    return "+".join(_word(run, metric) for metric in metrics)
+
+
+def _word(run: Run, metric: str) -> str:
+    label = next((m for m in run.metrics if metric == m or metric.startswith(f"{m}.")), metric)
+    name = label.partition("[")[0]
+    alike = [m for m in run.metrics if m.partition("[")[0] == name]
+    number = f"-{alike.index(label) + 1}" if len(alike) > 1 else ""
+    return f"{name}{number}{metric.removeprefix(label)}"
 
 
 def _called(scenario: dict[str, Any]) -> str:

@@ -13,6 +13,8 @@ from sonobench.registry import did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sonobench.harness.run import Run
+
 _OWN = "p_pipelines."
 
 
@@ -41,6 +43,24 @@ def chosen(
                 raise InputError(f"{column} is nowhere {value}; there is {there}")
         trials = trials[kept | (trials[column].isna() if column.startswith(_OWN) else False)]
     return trials
+
+
+def metrics_of(run: Run, asked: Sequence[str]) -> list[str]:
+    """Names of metrics: as asked for, patterns ("ospa*p=2.0]") as all that they match; by default the run's first.
+
+    Raises:
+        InputError: a pattern that matches nothing, or a run without metrics.
+    """
+    if not (asked or run.metrics):
+        raise InputError(f"{run.path}: the run has no metric")
+    there = sorted(set(run.scores["metric"]))
+    found: list[str] = []
+    for name in asked or run.metrics[:1]:
+        mine = [m for m in there if fnmatch.fnmatchcase(m, name.replace("[", "[[]"))] if "*" in name and name not in there else [name]
+        if not mine:
+            raise InputError(f"no metric of the run matches {name!r}; it has {there}")
+        found += mine
+    return list(dict.fromkeys(found))
 
 
 def swept_column(trials: pd.DataFrame, name: str) -> str:

@@ -20,7 +20,7 @@ from sonobench.errors import InputError
 from sonobench.protocols import Series
 from sonobench.report.frame_values import FrameMetric, frame_metrics, outputs
 from sonobench.report.recordings import Recordings
-from sonobench.report.selection import scene_columns
+from sonobench.report.selection import metrics_of, scene_columns
 from sonobench.scoring import aligned
 from sonobench.types import Array, Ints
 
@@ -48,7 +48,7 @@ def over_time(run: Run, metrics: Sequence[str] = ()) -> pd.DataFrame:
 
     Args:
         run: all of it is used; `run.where(...)` narrows it down.
-        metrics: by default the run's first.
+        metrics: names, or patterns such as "ospa*"; by default the run's first.
 
     Returns:
         Columns: scene, those swept in scenes, metric ("number" is the reported number of targets), unit, time_s, pipeline,
@@ -62,7 +62,7 @@ def over_time(run: Run, metrics: Sequence[str] = ()) -> pd.DataFrame:
     """
     import pandas as pd
 
-    wanted = tuple(dict.fromkeys(metrics)) or run.metrics[:1]
+    wanted = metrics_of(run, metrics)
     recordings = Recordings(run)
     built = frame_metrics(run, wanted, recordings)
     columns = scene_columns(run.trials)
@@ -78,7 +78,7 @@ def over_time(run: Run, metrics: Sequence[str] = ()) -> pd.DataFrame:
         raise InputError(f"{run.path}: no recording has a score of {', '.join(wanted)} for every pipeline; choose some (--pipeline)")
     table = pd.concat(tables, ignore_index=True)
     table = table[["scene", *columns, *(c for c in table.columns if c not in ("scene", *columns))]]
-    table.attrs = {"metrics": list(wanted), "left_out": left_out, "without": sorted(set(run.trials["pipeline"]) - set(table["pipeline"]))}
+    table.attrs = {"metrics": wanted, "left_out": left_out, "without": sorted(set(run.trials["pipeline"]) - set(table["pipeline"]))}
     return table
 
 

@@ -202,6 +202,17 @@ def test_the_command_writes_each_picture_with_its_numbers_beside_it(run, tmp_pat
     assert len(back) == 2 * 3 * 10
 
 
+def test_metrics_can_be_named_by_patterns_and_files_are_called_without_settings(run):
+    from sonobench.report.metric_report import _words
+    from sonobench.report.selection import metrics_of
+
+    assert metrics_of(run, ["gospa*e*", "cardinality"]) == ["gospa.false", "gospa.missed", "cardinality"]
+    with pytest.raises(InputError, match=r"no metric of the run matches 'x\*'; it has .*'gospa'"):
+        run.curve("p_d", ["x*"])
+    several = SimpleNamespace(metrics=("ospa[c_m=1.5,p=2.0]", "ospa[c_m=1.0]", "gospa[c_m=1.0]"))
+    assert _words(several, ["ospa[c_m=1.0].localisation", "gospa[c_m=1.0]"]) == "ospa-2.localisation+gospa"
+
+
 def test_over_time_every_scenario_has_a_picture_up_to_a_dozen(run, tmp_path):
     part = run.where(at={"p_d": [0.9]}, pipelines=["raise", "*0.5]"])
     assert len(part.report(over="time", out=tmp_path)) == 2 * 2
