@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from harness_study import write_study
 
 from sonobench.harness.cache import Cache
 from sonobench.harness.environment import environment_id
-from sonobench.harness.journal import Journal
+from sonobench.harness.journal import Journal, encoded
 from sonobench.harness.session import Session
 from sonobench.scene.study import Study
 
@@ -43,7 +42,7 @@ def finished_run(folder: Path, trials: int) -> Path:
             input_sha, truth_sha = f"{number:064x}", f"{number + 1:064x}"
             _write(file, recording={take.key: (input_sha, truth_sha)})
             for trial in take.trials:
-                row = session._planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
+                row = session._reuse.planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
                 row["estimate_key"] = session._codes.estimate_key(trial.entry, input_sha, trial.run)
                 if rng.random() < 1e-3:
                     row |= {"status": "error", "exc_type": "RuntimeError", "exc_message": "as told"}
@@ -54,7 +53,7 @@ def finished_run(folder: Path, trials: int) -> Path:
                 _write(file, trial=row)
                 score = {"metric": "distance", "slice": "", "value": rng.gamma(2.0) + int(trial.pipeline[-1]), "weight": 10.0, "unit": "m"}
                 rows = [score | {"better": "lower", "pool": "mean", "coverage": 1.0}]
-                _write(file, trial_key=trial.trial_key, scores={key: {"rows": rows} for _, key in session._score_keys(trial, row)})
+                _write(file, trial_key=trial.trial_key, scores={key: {"rows": rows} for _, key in session._reuse.score_keys(trial, row)})
     return run
 
 
@@ -63,4 +62,4 @@ def _plugins(study: Study) -> dict[str, str]:
 
 
 def _write(file, **line) -> None:
-    file.write(json.dumps(line, separators=(",", ":")).encode() + b"\n")
+    file.write(encoded(line))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ def writer(path: Path, columns: Mapping[str, str]) -> Iterator[Callable[[Mapping
             flush()
 
     def flush() -> None:
-        arrays = [_array([row.get(f.name) for row in group], f.type) for f in schema]
+        arrays = [_array(values, f.type) for f, values in zip(schema, _columns(group, schema.names), strict=True)]
         file.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema), row_group_size=_GROUP)
         group.clear()
 
@@ -49,7 +50,14 @@ def dtype_of(values: Sequence[Any]) -> str:
     return "float64" if kinds and kinds <= {int, float} else "string"
 
 
-def _array(values: list[Any], kind: pa.DataType) -> pa.Array:
+def _columns(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Sequence[Any]]:
+    try:
+        return list(zip(*map(itemgetter(*names), rows), strict=True)) or [() for _ in names]
+    except KeyError:  # rows of different runs
+        return [[row.get(name) for row in rows] for name in names]
+
+
+def _array(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     import pyarrow as pa
 
     try:

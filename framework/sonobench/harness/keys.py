@@ -31,13 +31,25 @@ class Json(str):
         return cls(canonical_json(value))
 
 
-def key(**parts: Any) -> str:
-    """SHA-256 (first 32 hexadecimal digits) of named parts as canonical JSON."""
-    text = ",".join([f'"{name}":{part if type(part) is Json else _text(part)}' for name, part in sorted(parts.items())])
-    return hashlib.sha256(f"{{{text}}}".encode()).hexdigest()[:32]
+class Keys:
+    """Keys of one kind that share most of their parts: canonical JSON with holes, so that each costs little more than its hash."""
+
+    __slots__ = ("_format",)
+
+    def __init__(self, *holes: str, **parts: Any) -> None:
+        texts = {name: _text(part).replace("%", "%%") for name, part in parts.items()} | dict.fromkeys(holes, "%s")
+        if list(holes) != sorted(holes):
+            raise ValueError(f"holes in the order of their names are needed, got {holes}")
+        self._format = "{" + ",".join(f'"{name}":{text}' for name, text in sorted(texts.items())) + "}"
+
+    def __call__(self, *values: Any) -> str:
+        """SHA-256 (first 32 hexadecimal digits) of the named parts as canonical JSON, holes filled in the order of their names."""
+        return hashlib.sha256((self._format % tuple(map(_text, values))).encode()).hexdigest()[:32]
 
 
 def _text(part: Any) -> str:
+    if type(part) is Json:
+        return part
     if type(part) is str:
         return encode_basestring(part)
     return str(part) if type(part) is int else Json.of(part)
@@ -46,29 +58,29 @@ def _text(part: Any) -> str:
 Table = Mapping[str, Any] | Json
 
 
-def trial_key(source: str, seed: int | None, pipeline: Table, run: int) -> str:
-    """Name of a planned trial; `source` is a scene's digest or a recording's input_sha."""
-    return key(kind="trial", source=source, seed=seed, pipeline=pipeline, run=run)
+def trial_keys(pipeline: Table) -> Keys:
+    """Names of a pipeline's planned trials, by run, seed and source: a scene's digest or a recording's input_sha."""
+    return Keys("run", "seed", "source", kind="trial", pipeline=pipeline)
 
 
-def recording_key(scene: str, seed: int, code: str) -> str:
-    """Name of a rendering in the cache."""
-    return key(kind="recording", scene=scene, seed=seed, code=code)
+def recording_keys(scene: str, code: str) -> Keys:
+    """Names of a scene's renderings in the cache, by seed."""
+    return Keys("seed", kind="recording", scene=scene, code=code)
 
 
-def scans_key(input_sha: str, front_end: Table, given: tuple[str, ...], code: str) -> str:
-    """Name of a front end's output in the cache."""
-    return key(kind="scans", input=input_sha, front_end=front_end, given=list(given), code=code)
+def scans_keys(front_end: Table, given: tuple[str, ...], code: str) -> Keys:
+    """Names of a front end's output in the cache, by input_sha."""
+    return Keys("input", kind="scans", front_end=front_end, given=list(given), code=code)
 
 
-def estimate_key(scans: str, tracker: Table | None, code: str, run: int) -> str:
-    """Name of a trial's output."""
-    return key(kind="estimate", scans=scans, tracker=tracker, code=code, run=run)
+def estimate_keys(tracker: Table | None, code: str) -> Keys:
+    """Names of a tracker's outputs, by run and scans key."""
+    return Keys("run", "scans", kind="estimate", tracker=tracker, code=code)
 
 
-def score_key(output: str, truth_sha: str, metric: Table, code: str) -> str:
-    """Name of a metric's rows for one output ("" is empty output, a failed trial)."""
-    return key(kind="score", output=output, truth=truth_sha, metric=metric, code=code)
+def score_keys(metric: Table, code: str) -> Keys:
+    """Names of a metric's rows, by output and truth_sha; the output is an estimate key, or says what counts as empty."""
+    return Keys("output", "truth", kind="score", metric=metric, code=code)
 
 
 def seed_of(*parts: str | int) -> int:

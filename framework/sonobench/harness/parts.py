@@ -16,7 +16,7 @@ from sonobench.components import digest
 from sonobench.files import replace_file
 from sonobench.harness.cache import Cache
 from sonobench.harness.code import Closure, closure, numba_digest
-from sonobench.harness.keys import Json, estimate_key, recording_key, scans_key, score_key
+from sonobench.harness.keys import Json, Keys, estimate_keys, recording_keys, scans_keys, score_keys
 from sonobench.harness.plan import MetricEntry, PipelineEntry, Plan, Source
 
 Part = dict[str, Any]
@@ -33,7 +33,7 @@ class Codes:
     scenes: Mapping[int, Closure]
     metrics: Mapping[str, Closure]
     _made: dict[tuple[str, ...], Any] = field(default_factory=dict, repr=False, compare=False)  # what many keys share
-    _scans: dict[tuple[Any, ...], str] = field(default_factory=dict, repr=False, compare=False)
+    _scans: dict[tuple[Keys, str], str] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, plan: Plan) -> Codes:
@@ -48,35 +48,49 @@ class Codes:
 
     def recording_key(self, source: Source, seed: int) -> str:
         """Of a scene's rendering."""
-        return recording_key(source.sha, seed, self._once("scene", str(id(source)), lambda: self.scenes[id(source)].digest))
+        return self._once("scene", str(id(source)), lambda: recording_keys(source.sha, self.scenes[id(source)].digest))(seed)
 
     def scans_key(self, entry: PipelineEntry, input_sha: str) -> str:
         """Of an entry's front end on a recording; "" where the entry is unavailable."""
         if entry.pipeline is None:
             return ""
         given = entry.pipeline.given
-        table, code = self._once("front_end", entry.name, lambda: (Json.of(entry.table["front_end"]), self.front_ends[entry.name].digest))
-        if (found := self._scans.get((input_sha, table, given, code))) is None:
+        keys = self._once("front_end", entry.name, lambda: self._scans_keys(entry, given))
+        if (found := self._scans.get((keys, input_sha))) is None:
             if len(self._scans) >= _KEPT:
                 self._scans.clear()
-            found = self._scans[input_sha, table, given, code] = scans_key(input_sha, table, given, code)
+            found = self._scans[keys, input_sha] = keys(input_sha)
         return found
 
     def estimate_key(self, entry: PipelineEntry, input_sha: str, run: int) -> str:
         """Of a trial's output."""
-        table, code = self._once("tracker", entry.name, lambda: (Json.of(entry.table.get("tracker")), self.trackers[entry.name].digest))
-        return estimate_key(self.scans_key(entry, input_sha), table, code, run)
+        keys = self._once("tracker", entry.name, lambda: estimate_keys(entry.table.get("tracker"), self.trackers[entry.name].digest))
+        return keys(run, self.scans_key(entry, input_sha))
 
     def score_key(self, metric: MetricEntry, entry: PipelineEntry, row: Mapping[str, Any]) -> str:
         """Of a metric's rows for a trial's row; a failed trial counts as empty output."""
-        output = row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(entry.table)}"
-        table, code = self._once("metric", metric.label, lambda: (Json.of(metric.table), self.metrics[metric.label].digest))
-        return score_key(output, row["truth_sha"], table, code)
+        return self.score_keys(metric)(scored_output(entry, row), row["truth_sha"])
+
+    def score_keys(self, metric: MetricEntry) -> Keys:
+        """Of a metric's rows, by output and truth_sha."""
+        found: Keys = self._once("metric", metric.label, lambda: score_keys(metric.table, self.metrics[metric.label].digest))
+        return found
+
+    def _scans_keys(self, entry: PipelineEntry, given: tuple[str, ...]) -> Keys:
+        """The same object for all entries that share a front end."""
+        table, code = Json.of(entry.table["front_end"]), self.front_ends[entry.name].digest
+        found: Keys = self._once("scans", f"{code} {given} {table}", lambda: scans_keys(table, given, code))
+        return found
 
     def _once(self, kind: str, name: str, make: Callable[[], Any]) -> Any:
         if (kind, name) not in self._made:
             self._made[kind, name] = make()
         return self._made[kind, name]
+
+
+def scored_output(entry: PipelineEntry, row: Mapping[str, Any]) -> str:
+    """What a row's scores are of, in their keys."""
+    return row["estimate_key"] if row["status"] == "ok" else f"{_EMPTY_OUTPUT} {digest(entry.table)}"
 
 
 def covered(found: Closure) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sonobench.components import build, canonical_json, digest, overlay, to_table
 from sonobench.errors import InputError, PluginError, SonobenchError, TableError, UnavailableError
 from sonobench.harness.environment import is_dirty
-from sonobench.harness.keys import Json, seed_of, trial_key
+from sonobench.harness.keys import seed_of, trial_keys
 
 if TYPE_CHECKING:
     from sonobench.pipeline import Pipeline
@@ -180,12 +180,12 @@ class Plan:
 def plan(study: Study) -> Plan:
     """Every trial, in the order source, repetition, entry."""
     whole = outline(study)
-    named = [(entry, Json.of({"name": entry.name, **entry.table})) for entry in whole.entries]
+    named = [(entry, trial_keys({"name": entry.name, **entry.table})) for entry in whole.entries]
     trials = [
-        PlannedTrial(trial_key(source.sha, seed, table, run), study.name, source, entry, repetition, run, seed)
+        PlannedTrial(keys(run, seed, source.sha), study.name, source, entry, repetition, run, seed)
         for source in whole.sources
         for repetition, run, seed in _repetitions(study, source)
-        for entry, table in named
+        for entry, keys in named
     ]
     return replace(whole, trials=tuple(trials))
 

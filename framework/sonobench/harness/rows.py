@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 SCHEMA = 1
 
+DISK = "DiskError"  # exc_type where a disk was full or could not be written
 _MESSAGE_CAP = 4000  # characters of a message that a row keeps; the log has all of it
 
 #: columns of trials.parquet with their pandas dtypes; `p_*` columns of the sweep stand after `dirty`
@@ -66,6 +69,9 @@ SCORE_COLUMNS: Mapping[str, str] = {
     "pool": "string",
     "coverage": "float64",
 }
+#: what names a trial in its row, the rest says what became of it: what source and entry share (with `p_*`), and the trial's own
+SHARED_NAMES = ("study", "pipeline", "distribution", "version", "scene", "scene_sha", "pipeline_sha")
+OWN_NAMES = ("trial_key", "repetition", "run", "recording_key", "truth_sha")
 _ZERO: Mapping[str, Any] = {"string": "", "bool": False, "int64": 0, "float64": None}
 
 
@@ -88,6 +94,17 @@ def planned_row(trial: PlannedTrial, columns: tuple[str, ...]) -> Row:
     }
 
 
+def shared_name(row: Mapping[str, Any]) -> str:
+    """One word for what a row has of its source and its entry."""
+    shared = [[k, row.get(k)] for k in (*SHARED_NAMES, *sorted(k for k in row if k.startswith("p_")))]
+    return hashlib.sha256(json.dumps(shared).encode()).hexdigest()
+
+
+def whole_name(shared: str, *own: Any) -> str:
+    """One word (16 hexadecimal digits) for all that names a trial, from the shared name and the values of `OWN_NAMES`."""
+    return hashlib.sha256(" ".join([shared, *map(str, own)]).encode()).hexdigest()[:16]
+
+
 def failed_row(row: Row, outcome: Outcome, prefix: str = "", log_path: str = "") -> Row:
     """The row of a trial that ended badly."""
     return row | {
@@ -107,7 +124,7 @@ def stands(failure: Mapping[str, Any], limits: Limits) -> bool:
         failure: status, exc_type and the limits timeout_s and memory_mb that it ended under (None: none).
         limits: those of the run that is being planned.
     """
-    if failure.get("exc_type") == "CellDied":  # killed from outside
+    if failure.get("exc_type") in ("CellDied", DISK):  # killed from outside
         return False
     met = {"timeout": ("timeout_s", limits.timeout_s), "oom": ("memory_mb", limits.memory_mb)}
     if failure.get("status") not in met:

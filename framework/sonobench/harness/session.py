@@ -6,7 +6,6 @@ every trial that needed it. The session decides and writes the journal; an engin
 
 from __future__ import annotations
 
-import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,16 +16,12 @@ from uuid import uuid4
 from sonobench.harness.cache import SCANS_BUDGET, Cache
 from sonobench.harness.cell import Limits, Outcome
 from sonobench.harness.journal import Journal
-from sonobench.harness.parts import Codes, covered, keep_parts, pipeline_part, scene_part, sha_of
+from sonobench.harness.parts import Codes, covered, keep_parts
 from sonobench.harness.plan import Plan, PlannedTrial, Source
-from sonobench.harness.rows import Row, failed_row, planned_row, stands
+from sonobench.harness.reuse import Reuse, output_path
+from sonobench.harness.rows import Row, failed_row, planned_row
 
-#: what names a trial in its row; the rest says what became of it
-_NAMES = (
-    *("trial_key", "study", "pipeline", "distribution", "version", "scene", "repetition", "run"),
-    *("recording_key", "truth_sha", "scene_sha", "pipeline_sha"),
-)
-_OWN_FAILURES = ("error", "invalid", "crash", "timeout", "oom")  # of a trial that ran
+_TOGETHER = 512  # trials whose lines of the journal are read at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,19 +75,16 @@ class Session:
     failed: int = 0
     metric_faults: Counter[str] = field(default_factory=Counter)  # how many trials each fault of a metric cost
     _codes: Codes = field(init=False)
-    _parts: dict[int, str] = field(default_factory=dict)  # names in parts.jsonl by `id` of entries and sources
+    _reuse: Reuse = field(init=False)
     _id: str = field(default_factory=lambda: uuid4().hex)  # what an open step made may serve this session alone
     _beyond: dict[str, Sequence[str]] = field(default_factory=dict)  # of scenes, by recording key
-    _scored_now: set[str] = field(default_factory=set)
     _waiting: dict[str, list[PlannedTrial]] = field(default_factory=dict)
     _rows: dict[str, Row] = field(default_factory=dict)  # ended trials whose scores are not there yet
     _ran: set[str] = field(default_factory=set)
-    _templates: dict[tuple[int, int], Row] = field(default_factory=dict)  # what rows of a source and an entry share
 
     def __post_init__(self) -> None:
         self._codes = Codes.of(self.plan)
-        self._parts = {id(s): sha_of(scene_part(s, self._codes)) for s in self.plan.sources}
-        self._parts |= {id(e): sha_of(pipeline_part(e, self._codes)) for e in self.plan.entries}
+        self._reuse = Reuse(self.plan, self._codes, self.journal.recorded, self.folder, self.env_id, self.limits, self.retry_failed)
 
     def keep_parts(self) -> None:
         """Write what the plan is made of beside the journal, for `why`."""
@@ -111,16 +103,12 @@ class Session:
             known = self.journal.recorded.recordings.get(take.key)
             if take.source.scene is None:
                 known = take.source.sha, take.source.truth_sha
-            if known and (rows := self._complete(take, known)) is not None:
+            if known and (rows := self._reuse.complete(take, known)) is not None:
                 for trial, row in zip(take.trials, rows, strict=True):
-                    if trial.entry.pipeline is None:
-                        self._unavailable(row, trial.entry.reason)
-                    else:
-                        self._rows[trial.trial_key] = row
-                    self._finish(trial)
+                    self._reused(trial, row)
             elif known and take.source.scene is None:  # a file is its own recording
                 self._expand(take, *known)
-            elif failures := self._unrenderable(take):
+            elif failures := self._reuse.unrenderable(take):
                 self._rows |= failures
                 for trial in take.trials:
                     self._finish(trial)
@@ -141,20 +129,25 @@ class Session:
         """The row of every planned trial and its score rows, in the plan's order; what metrics failed on is counted meanwhile."""
         self.metric_faults.clear()
         shas = {m.label: m.sha for m in self.plan.metrics}
-        for trial in self.plan.trials:
-            if trial.trial_key in self.finished or trial.trial_key in self._ran:
-                row = self.journal.recorded.trials[trial.trial_key]
-                yield row, list(self._scores_of(trial, row, shas))
-            else:
-                yield planned_row(trial, self.plan.columns) | {"exc_message": "the run ended before this trial"}, []
+        for at in range(0, len(self.plan.trials), _TOGETHER):
+            yield from self._rows_of(self.plan.trials[at : at + _TOGETHER], shas)
 
-    def _scores_of(self, trial: PlannedTrial, row: Row, shas: Mapping[str, str]) -> Iterator[Row]:
-        for label, key in self._score_keys(trial, row):
-            stored = self.journal.recorded.scores.get(key, {})
-            for score in stored.get("rows", ()):
-                yield {"trial_key": trial.trial_key, "metric_sha": shas[label], **score}
-            if "error" in stored:
-                self.metric_faults[f"metric {label}: {stored['error']}"] += 1
+    def _rows_of(self, trials: Sequence[PlannedTrial], shas: Mapping[str, str]) -> Iterator[tuple[Row, list[Row]]]:
+        recorded = self.journal.recorded
+        rows = recorded.trials.several(t.trial_key for t in trials if t.trial_key in self.finished or t.trial_key in self._ran)
+        keys = {t.trial_key: self._reuse.score_keys(t, rows[t.trial_key]) for t in trials if t.trial_key in rows}
+        stored = recorded.scores.several(key for pairs in keys.values() for _, key in pairs)
+        for trial in trials:
+            if (row := rows.get(trial.trial_key)) is None:
+                yield planned_row(trial, self.plan.columns) | {"exc_message": "the run ended before this trial"}, []
+                continue
+            scores = []
+            for label, key in keys[trial.trial_key]:
+                found = stored.get(key, {})
+                scores += [{"trial_key": trial.trial_key, "metric_sha": shas[label], **score} for score in found.get("rows", ())]
+                if "error" in found:
+                    self.metric_faults[f"metric {label}: {found['error']}"] += 1
+            yield row, scores
 
     def _takes(self) -> list[Take]:
         groups: dict[tuple[int, int | None], list[PlannedTrial]] = {}
@@ -180,21 +173,21 @@ class Session:
             self._expand(job.take, *hashes)
             return
         for trial in job.trials:
-            self._end(failed_row(self._planned(trial, job.take), outcome, "the scene could not be rendered: ", self._log_of(job)))
+            self._end(failed_row(self._reuse.planned(trial, job.take), outcome, "the scene could not be rendered: ", self._log_of(job)))
             self._finish(trial)  # nothing to score against
 
     def _expand(self, take: Take, input_sha: str, truth_sha: str) -> None:
         """Queue what a recording's trials still need, depth first."""
         jobs: list[Job] = []
         for trial in take.trials:
-            row = self._planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
+            row = self._reuse.planned(trial, take) | {"input_sha": input_sha, "truth_sha": truth_sha}
             if trial.entry.pipeline is None:
                 self._unavailable(row, trial.entry.reason)
                 jobs += self._score_jobs(take, trial)
                 continue
             key = self._codes.scans_key(trial.entry, input_sha)
             row["estimate_key"] = self._codes.estimate_key(trial.entry, input_sha, trial.run)
-            if (reused := self._kept(row)) is not None:
+            if (reused := self._reuse.kept(row)) is not None:
                 self._rows[trial.trial_key] = reused
                 jobs += self._score_jobs(take, trial)
                 continue
@@ -209,6 +202,17 @@ class Session:
                 jobs.append(Job(task, take, (trial,), self._log(f"scans-{key}")))
         self.ready.extendleft(reversed(jobs))
 
+    def _reused(self, trial: PlannedTrial, row: Row | None) -> None:
+        """A finished trial under its stored row; without one it is ok and the journal says all."""
+        if row is None:
+            self.finished.add(trial.trial_key)
+            return
+        if trial.entry.pipeline is None:
+            self._unavailable(row, trial.entry.reason)
+        else:
+            self._rows[trial.trial_key] = row
+        self._finish(trial)
+
     def _unavailable(self, row: Row, reason: str) -> None:
         """A trial whose pipeline cannot be built here; the journal says so once."""
         found = failed_row(row, Outcome("unavailable", exc_type="UnavailableError", exc_message=reason))
@@ -216,7 +220,7 @@ class Session:
         if any(stored.get(k) != found[k] for k in ("status", "exc_message", "input_sha", "truth_sha")):
             self._end(found)
         else:
-            self._rows[row["trial_key"]] = self._under_this_name(stored, row)
+            self._rows[row["trial_key"]] = self._reuse.under_this_name(stored, row)
 
     def _scanned(self, job: Job, outcome: Outcome) -> None:
         waiting = self._waiting.pop(job.task["scans_key"])
@@ -256,14 +260,14 @@ class Session:
             about = {"status": outcome.status, "exc_type": outcome.exc_type, **asdict(self.limits)}
             fault = {"error": f"{outcome.status}: {outcome.exc_message}", **about}
             scores = {item["key"]: fault for item in job.task["metrics"]}
-        self._scored_now.update(scores)
+        self._reuse.scored_now.update(scores)
         self.journal.add(trial_key=trial.trial_key, scores=scores)
         self._finish(trial)
 
     def _score_jobs(self, take: Take, trial: PlannedTrial) -> list[Job]:
         """The scoring that a trial still needs; with none it is finished."""
         row = self._rows[trial.trial_key]
-        missing = [(label, key) for label, key in self._score_keys(trial, row) if not self._is_scored(key)]
+        missing = [(label, key) for label, key in self._reuse.score_keys(trial, row) if not self._reuse.is_scored(key)]
         if not missing:
             self._finish(trial)
             return []
@@ -282,12 +286,8 @@ class Session:
     def _to_score(self, label: str, key: str, table: Mapping[str, Any]) -> dict[str, Any]:
         return {"label": label, "key": key, "table": dict(table), "known": covered(self._codes.metrics[label])}
 
-    def _score_keys(self, trial: PlannedTrial, row: Mapping[str, Any]) -> list[tuple[str, str]]:
-        return [(m.label, self._codes.score_key(m, trial.entry, row)) for m in self.plan.metrics]
-
     def _track_job(self, take: Take, trial: PlannedTrial) -> Job:
         row = self._rows[trial.trial_key]
-        suffix = "npz" if trial.entry.pipeline is None or trial.entry.pipeline.tracker is None else "mcap"
         task = self._task(
             "track",
             take,
@@ -297,7 +297,7 @@ class Session:
             estimate_key=row["estimate_key"],
             scans_key=self._codes.scans_key(trial.entry, row["input_sha"]),
             known=covered(self._codes.trackers[trial.entry.name]),
-            output=str(self.folder / "estimates" / f"{row['estimate_key']}.{suffix}"),
+            output=str(self.folder / output_path(trial.entry, row["estimate_key"])),
         )
         return Job(task, take, (trial,), self._log(trial.trial_key))
 
@@ -317,85 +317,6 @@ class Session:
                 common["known_front_end"] = covered(self._codes.front_ends[trial.entry.name])
         return common | more
 
-    def _planned(self, trial: PlannedTrial, take: Take) -> Row:
-        attempts = self.journal.recorded.trials.get(trial.trial_key, {}).get("attempts", 0)
-        own = {"trial_key": trial.trial_key, "repetition": trial.repetition, "run": trial.run, "attempts": attempts + 1}
-        pair = id(trial.source), id(trial.entry)
-        if pair not in self._templates:
-            self._templates[pair] = self._template(trial)
-        return self._templates[pair] | own | {"recording_key": take.key}
-
-    def _template(self, trial: PlannedTrial) -> Row:
-        given = () if trial.entry.pipeline is None else trial.entry.pipeline.given
-        code = self._codes.trackers.get(trial.entry.name)
-        parts = {"scene_sha": self._parts[id(trial.source)], "pipeline_sha": self._parts[id(trial.entry)]}
-        about = {
-            **parts,
-            "code_sha": code.digest if code else "",
-            "given": ",".join(given),
-            "env_id": self.env_id,
-        }
-        return planned_row(trial, self.plan.columns) | about | asdict(self.limits)
-
-    def _kept(self, row: Row) -> Row | None:
-        """The stored row of a trial that need not run again: its output is there, or the same code failed and may take no more than before."""
-        stored = self._reusable(row)
-        return self._failure(row, "estimate_key") if stored is None else stored
-
-    def _failure(self, row: Row, same: str) -> Row | None:
-        """The stored failure of a trial whose key `same` has not changed, where trying again would tell nothing new."""
-        stored = self.journal.recorded.trials.get(row["trial_key"])
-        if self.retry_failed or stored is None or stored["status"] not in _OWN_FAILURES:
-            return None
-        if stored[same] != row[same] or stored["open"] or not stands(stored, self.limits):
-            return None
-        return self._under_this_name(stored, row)
-
-    def _unrenderable(self, take: Take) -> dict[str, Row] | None:
-        """The stored rows of a recording's trials, where rendering it failed for all of them and would again."""
-        rows = {}
-        for trial in take.trials:
-            stored = self._failure(self._planned(trial, take) | {"truth_sha": ""}, "recording_key")
-            if stored is None or stored["input_sha"]:
-                return None
-            rows[trial.trial_key] = stored
-        return rows
-
-    def _is_scored(self, key: str) -> bool:
-        """Whether a score is there, or the same code of the metric failed on the same output and trying again would tell nothing new."""
-        stored = self.journal.recorded.scores.get(key, {})
-        if stored.get("beyond") and key not in self._scored_now:  # the metric used more than its key covers
-            return False
-        if "rows" in stored:
-            return True
-        own = "error" in stored and stored.get("status") != "error"  # a step that raised met a damaged file, not a metric's fault
-        return own and not self.retry_failed and stands(stored, self.limits)
-
-    def _reusable(self, row: Row) -> Row | None:
-        """The stored row of the same output, under this trial's name."""
-        stored = self.journal.recorded.outputs.get(row["estimate_key"])
-        if stored is None or stored["open"] or not os.path.exists(f"{self.folder}/{stored['estimates_path']}"):
-            return None
-        return self._under_this_name(stored, row)
-
-    def _under_this_name(self, stored: Row, row: Row) -> Row:
-        return stored | {k: row[k] for k in (*_NAMES, *self.plan.columns)}
-
-    def _complete(self, take: Take, hashes: tuple[str, str]) -> list[Row] | None:
-        """The rows of a recording's trials, where all are there, scores too, so that it need not be rendered."""
-        rows = []
-        for trial in take.trials:
-            row = self._planned(trial, take) | {"input_sha": hashes[0], "truth_sha": hashes[1], "status": "unavailable"}
-            if trial.entry.pipeline is not None:
-                reused = self._kept(row | {"estimate_key": self._codes.estimate_key(trial.entry, hashes[0], trial.run)})
-                if reused is None:
-                    return None
-                row = reused
-            if not all(self._is_scored(key) for _, key in self._score_keys(trial, row)):
-                return None
-            rows.append(row)
-        return rows
-
     def _end(self, row: Row) -> None:
         """A trial has its row; it is safe before anything is scored."""
         self._rows[row["trial_key"]] = row
@@ -405,17 +326,11 @@ class Session:
     def _finish(self, trial: PlannedTrial) -> None:
         row = self._rows.pop(trial.trial_key)
         self.finished.add(trial.trial_key)
-        if trial.trial_key not in self._ran:
-            self._adopt(row)
+        if trial.trial_key not in self._ran and not self._reuse.is_told(row):
+            self.journal.add(trial=row)
         self.failed += row["status"] != "ok"
         if trial.trial_key in self._ran:
             self.observe(row)
-
-    def _adopt(self, row: Row) -> None:
-        """Have the journal say what a kept row says: it may come from another trial, or from before something was renamed."""
-        stored = self.journal.recorded.trials.get(row["trial_key"])
-        if stored is None or any(stored.get(k) != row.get(k) for k in (*_NAMES, *self.plan.columns, "status", "estimate_key")):
-            self.journal.add(trial=row)
 
     def _log(self, name: str) -> Path:
         return self.folder / "logs" / f"{name}.log"
