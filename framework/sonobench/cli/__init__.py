@@ -30,9 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.stderr.close()
         code = 0
-    except Exception:
+    except Exception as error:
         import traceback
 
-        click.echo(f"internal error (please report it):\n{traceback.format_exc()}", err=True)
-        code = 1
+        from sonobench.files import no_room
+
+        if no_room(error):
+            click.echo(f"error: {error}; what was finished is kept: make room and start again", err=True)
+            code = 2
+        else:
+            click.echo(f"internal error (please report it):\n{traceback.format_exc()}", err=True)
+            code = 1
     raise SystemExit(code if isinstance(code, int) else 0)

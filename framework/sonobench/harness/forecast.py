@@ -11,6 +11,7 @@ from statistics import fmean
 from typing import Any
 
 from sonobench.components import digest
+from sonobench.harness import run_folder
 from sonobench.harness.cache import Cache
 from sonobench.harness.cell import Limits, Outcome
 from sonobench.harness.environment import environment_id
@@ -98,7 +99,8 @@ def forecast(plan: Plan, folder: Path, jobs: int, limits: Limits, retry_failed: 
 
     With `fresh`, what is in the folder only tells what trials take.
     """
-    earlier = read(folder / "journal.jsonl") if (folder / "journal.jsonl").exists() else Recorded(Path(os.devnull))
+    run_folder.refuse_foreign(folder)
+    earlier = read(folder / "journal.jsonl")
     recorded = Recorded(Path(os.devnull)) if fresh else earlier
     journal: Journal = Glance(recorded)  # type: ignore[assignment]  # a session only asks it and adds to it
     session = Session(plan, {}, folder, Cache.default(), journal, environment_id(), lambda row: None, limits, retry_failed)

@@ -138,10 +138,10 @@ class Recorded:
         if not isinstance(line, dict):
             return
         if "trial" in line:
-            row = line["trial"]
-            self.trials.places[row["trial_key"]] = place
-            if row["status"] == "ok":
-                self.outputs.places[row["estimate_key"]] = place
+            key, status, output = (line["trial"][name] for name in ("trial_key", "status", "estimate_key"))
+            self.trials.places[key] = place
+            if status == "ok":
+                self.outputs.places[output] = place
         for key in line.get("scores", ()):
             self.scores.places[key] = place
         for key, (input_sha, truth_sha) in line.get("recording", {}).items():

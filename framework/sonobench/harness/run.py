@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -238,12 +239,15 @@ def run_study(
 
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs is {jobs}; at least 1 is needed")
+    for name, limit in (("timeout_s", timeout_s), ("memory_mb", memory_mb)):
+        if limit is not None and not 0 < limit < math.inf:
+            raise InputError(f"{name} is {limit:g}; a positive number is needed, or none for no limit")
     if retry not in (None, "failed"):
         raise InputError(f"retry is {retry!r}; 'failed' is what can be tried again")
     if engine not in ("local", "dask"):
         raise InputError(f"engine is {engine!r}; 'local' and 'dask' are there")
     if in_process and (engine == "dask" or scheduler is not None):
-        raise InputError("in_process means this process alone; leave out the engine and the scheduler")
+        raise InputError("in_process (--in-process) means this process alone; leave out the engine and the scheduler")
     planned = chosen(study, trials, shard)
     forget()  # workers import what the sources say now
     cache = Cache.default()

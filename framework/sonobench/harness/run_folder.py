@@ -19,6 +19,11 @@ from sonobench.harness.rows import SCHEMA, SCORE_COLUMNS, TRIAL_COLUMNS, Row
 if TYPE_CHECKING:
     import pandas as pd
 
+#: columns that a board needs
+_NEEDED = {
+    "trials": ("trial_key", "pipeline", "scene", "repetition", "run", "status", "front_end_s", "tracker_s", "frames"),
+    "scores": ("trial_key", "metric", "slice", "value", "weight", "unit", "better", "pool", "coverage"),
+}
 _OURS = ("journal.jsonl", "parts.jsonl", "verify.json", "trials.parquet", "scores.parquet", "env.json", "estimates", "logs", "report")
 
 
@@ -31,10 +36,7 @@ def locked(folder: Path) -> Iterator[None]:
     """
     import filelock
 
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; a run needs a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
-        raise InputError(f"{folder}: is not empty and is no run's folder; choose another with --out")
+    refuse_foreign(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(folder / ".lock", timeout=0)
@@ -47,6 +49,18 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Nothing is written where something else than a run is.
+
+    Raises:
+        InputError: a file, or a folder that holds something else.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; a run needs a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not is_run(folder):
+        raise InputError(f"{folder}: is not empty and is no run's folder; choose another with --out")
 
 
 def is_run(folder: Path) -> bool:
@@ -73,7 +87,10 @@ def clear(folder: Path) -> None:
 def prepare(folder: Path, study: Mapping[str, Any], environment: Mapping[str, Any]) -> None:
     """Write study.json and env.json, make the folders that trials write to, and remove what a killed run had half written."""
     for name in ("estimates", "logs"):
-        (folder / name).mkdir(exist_ok=True)
+        try:
+            (folder / name).mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder / name}: the folder cannot be made: {error.strerror}") from error
     for path in (*temporaries(folder), *temporaries(folder / "estimates")):
         path.unlink(missing_ok=True)
     replace_file(folder / "study.json", _json({"schema": SCHEMA, **study}))
@@ -111,20 +128,26 @@ def write_scores(folder: Path, scores: Iterable[Row]) -> None:
             add(score)
 
 
-def read_table(folder: Path, name: str) -> pd.DataFrame:
-    """trials.parquet or scores.parquet.
+def read_table(folder: Path, name: str, columns: Iterable[str] = ()) -> pd.DataFrame:
+    """trials.parquet or scores.parquet; columns beyond those that a board needs may be asked for.
 
     Raises:
-        InputError: it is missing or cannot be read.
+        InputError: it is missing, cannot be read, or lacks columns.
     """
     import pandas as pd
 
     try:
-        return pd.read_parquet(folder / f"{name}.parquet")
+        table = pd.read_parquet(folder / f"{name}.parquet")
     except FileNotFoundError:
         raise InputError(f"{folder}: has no {name}.parquet; the run was killed before its end: start it again to go on") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"{folder / name}.parquet: cannot be read: {error}") from None
+        raise InputError(
+            f"{folder / name}.parquet: cannot be read: {error}; remove it, and run the study again to have it written"
+        ) from None
+    lacking = [c for c in dict.fromkeys([*_NEEDED[name], *columns]) if c not in table]
+    if lacking:
+        raise InputError(f"{folder / name}.parquet: lacks the columns {lacking}; remove it, and run the study again to have it written")
+    return table
 
 
 def read_study(folder: Path) -> dict[str, Any]:
@@ -139,8 +162,13 @@ def read_study(folder: Path) -> dict[str, Any]:
         raise InputError(f"{folder}: is no run's folder (it has no study.json)") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{folder / 'study.json'}: cannot be read: {error}") from None
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise InputError(f"{folder / 'study.json'}: version {SCHEMA} of a run is needed, got {content.get('schema')!r}")
+    if not isinstance(content, dict) or "schema" not in content:
+        raise InputError(f"{folder / 'study.json'}: is not what a run writes")
+    if content["schema"] != SCHEMA:
+        raise InputError(f"{folder / 'study.json'}: version {SCHEMA} of a run is needed, got {content['schema']!r}")
+    about = content.get("study")
+    if not isinstance(about, dict) or not isinstance(content.get("metrics"), list) or "name" not in about:
+        raise InputError(f"{folder / 'study.json'}: does not say which study was run; run it again (finished trials are kept)")
     return content
 
 

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 from sonobench.components import canonical_json, digest
 from sonobench.errors import InputError, LogError, SetupError
-from sonobench.files import replace_file
+from sonobench.files import no_room, replace_file
 from sonobench.harness.cache import Cache
+from sonobench.harness.rows import DISK
 from sonobench.uses import beyond, follow, watching
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def perform(task: Task) -> dict[str, Any]:
             result = {"status": "ok", "value": step(task)}
     except BaseException as error:  # a component may raise anything, SystemExit and KeyboardInterrupt too
         traceback.print_exc()
-        result = {"status": status_of(error), "exc_type": type(error).__name__, "exc_message": str(error)}
+        kind = DISK if no_room(error) else type(error).__name__
+        result = {"status": status_of(error), "exc_type": kind, "exc_message": str(error)}
     found = _beyond(task, "known")
     if found:
         print(f"open: used beyond what keys cover: {'; '.join(found)}; this result is never reused", file=sys.stderr)

@@ -14,7 +14,6 @@ import select
 import tempfile
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -106,10 +105,10 @@ def verify_scores(folder: Path, jobs: int | None = None) -> Verified:
     altered = {k: fault for k, r in rows.items() if (fault := _altered(folder, r))}
     findings += [_finding(rows[k], fault) for k, fault in altered.items()]
     todo = [planned[k] for k, row in rows.items() if k in planned and k not in altered and row["input_sha"]]
+    stored = _stored_scores(folder, plan, codes, todo, rows)
     with tempfile.TemporaryDirectory(prefix="sonobench-verify-") as scratch:
         chains = (_score_again(t, rows[t.trial_key], plan, codes, study, folder, Path(scratch)) for t in todo)
         made = _carry(chains, jobs, numba_cache(plan, Cache.default()), fresh=False)
-    stored = _stored_scores(folder, plan, codes, todo, rows)
     again: list[Row] = []
     for trial, result in zip(todo, made, strict=True):
         row = rows[trial.trial_key]
@@ -267,7 +266,7 @@ def _stored_scores(
 ) -> dict[str, dict[tuple[str, str], Row]]:
     """Rows by (metric column, slice) by trial: from scores.parquet, or from the journal, the current code's in either case last."""
     found: dict[str, dict[tuple[str, str], Row]] = {}
-    with suppress(InputError):
+    if (folder / "scores.parquet").exists():
         for row in run_folder.read_table(folder, "scores").to_dict("records"):
             found.setdefault(row["trial_key"], {})[row["metric"], row["slice"]] = {str(k): v for k, v in row.items()}
         return found

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import fnmatch
+import itertools
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sonobench.errors import InputError, SonobenchError
 from sonobench.harness import journal, run_folder
-from sonobench.harness.keys import seed_of
-from sonobench.harness.parts import Codes, Part, pipeline_part, read_parts, scene_part
-from sonobench.harness.rows import Row
+from sonobench.harness.keys import score_keys, seed_of
+from sonobench.harness.parts import Codes, Part, pipeline_part, read_parts, scene_part, scored_output
+from sonobench.harness.rows import TRIAL_COLUMNS, Row
 
 if TYPE_CHECKING:
-    from sonobench.harness.plan import Plan, PlannedTrial
+    from sonobench.harness.plan import MetricEntry, Plan, PlannedTrial
     from sonobench.scene.study import Study
 
 _LINES = 60  # of a log that are shown
@@ -32,15 +34,16 @@ def explain(folder: Path, trial: str) -> dict[str, Any]:
     Raises:
         InputError: no run's folder, or not exactly one such trial.
     """
-    about = run_folder.read_study(folder)["study"]
+    stored = run_folder.read_study(folder)
     row = find(stored_rows(folder), trial)
     parts = read_parts(folder / "parts.jsonl")
-    made_of = _made_of(row, parts, about)
+    made_of = _made_of(row, parts, stored["study"])
     explained: dict[str, Any] = {"trial": row, "made_of": made_of, "open_because": list(filter(None, row["open_because"].split("; ")))}
     explained["failure"] = _failure(folder, row)
     try:
         study = study_of(folder)
-        explained |= _now(study.plan(), row, made_of, journal.read(folder / "journal.jsonl"))
+        before = _Before(made_of, parts, stored.get("metric_tables", {}), journal.read(folder / "journal.jsonl"))
+        explained |= _now(study.plan(), row, before)
         explained["command"] = command(study, row)
     except SonobenchError as error:
         explained |= {"changed": [], "verdict": f"the study cannot be loaded any more: {error}", "scores": {}, "command": None}
@@ -48,11 +51,17 @@ def explain(folder: Path, trial: str) -> dict[str, Any]:
 
 
 def stored_rows(folder: Path) -> list[Row]:
-    """A run's rows; from the journal where the tables were not written yet."""
+    """A run's rows; from the journal where the tables were not written yet, or are damaged.
+
+    Raises:
+        InputError: neither holds any.
+    """
     try:
-        frame = run_folder.read_table(folder, "trials")
-    except InputError:
-        return list(journal.read(folder / "journal.jsonl").trials.values())
+        frame = run_folder.read_table(folder, "trials", TRIAL_COLUMNS)
+    except InputError as error:
+        if not (rows := list(journal.read(folder / "journal.jsonl").trials.values())):
+            raise InputError(f"{error}; the journal has no trial either") from None
+        return rows
     return [_plain(row) for row in frame.to_dict("records")]
 
 
@@ -82,6 +91,8 @@ def study_of(folder: Path) -> Study:
     from sonobench.scene.study import Study
 
     about = run_folder.read_study(folder)["study"]
+    if lacking := [k for k in ("folder", "plugins", *_STUDY_KEYS) if k not in about]:
+        raise InputError(f"{folder / 'study.json'}: lacks {lacking} of the study; run it again (finished trials are kept)")
     return Study.from_table({k: about[k] for k in _STUDY_KEYS}, Path(about["folder"]) / f"{about['name']}.toml", about["plugins"])
 
 
@@ -110,7 +121,7 @@ def _made_of(row: Row, parts: Mapping[str, Part], about: Mapping[str, Any]) -> d
     codes = {"scene": scene.get("code"), "front_end": pipeline.get("front_end"), "tracker": pipeline.get("tracker")}
     return {
         "scene": {k: v for k, v in scene.items() if k not in ("kind", "code")},
-        "seed": seed_of(about["seed"], row["scene"], row["repetition"]) if "table" in scene else None,
+        "seed": seed_of(about.get("seed", 0), row["scene"], row["repetition"]) if "table" in scene else None,
         "run": row["run"],
         "recording_key": row["recording_key"],
         "input_sha": row["input_sha"],
@@ -120,16 +131,37 @@ def _made_of(row: Row, parts: Mapping[str, Part], about: Mapping[str, Any]) -> d
     }
 
 
-def _now(plan: Plan, row: Row, made_of: Mapping[str, Any], recorded: journal.Recorded) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Before:
+    """What the run's folder says of what it was made of.
+
+    Attributes:
+        made_of: a trial's parts.
+        parts: all of them, by name.
+        metrics: the full table of each metric.
+        recorded: the journal.
+    """
+
+    made_of: Mapping[str, Any]
+    parts: Mapping[str, Part]
+    metrics: Mapping[str, Any]
+    recorded: journal.Recorded
+
+
+def _now(plan: Plan, row: Row, before: _Before) -> dict[str, Any]:
     """What differs between the stored row and the study as it stands, and what the next run will do about it."""
     names = ("pipeline", "scene", "repetition", "run")
     same = [t for t in plan if t.trial_key == row["trial_key"]] or [t for t in plan if all(getattr(t, n) == row[n] for n in names)]
     if not same:
         return {"changed": [], "verdict": "it is not planned any more", "scores": {}}
     trial, codes = same[0], Codes.of(plan)
-    changed = list(_changes(trial, codes, made_of))
-    scores = {m.label: _score(recorded, codes.score_key(m, trial.entry, row)) for m in plan.metrics}
-    return {"changed": changed, "verdict": _verdict(trial, codes, row, changed), "scores": scores}
+    told = bool(before.made_of["scene"] and before.made_of["pipeline"])
+    changed = list(_changes(trial, codes, before.made_of)) if told else []
+    scores = {m.label: _score(before.recorded, codes.score_key(m, trial.entry, row)) for m in plan.metrics}
+    others = {m.label: list(_metric_changes(m, trial, codes, row, before)) for m in plan.metrics}
+    verdict = _verdict(trial, codes, row, changed, [label for label, found in others.items() if found])
+    lost = [] if told else ["unknown: parts.jsonl, which says what it was made of, is missing or damaged"]
+    return {"changed": [*lost, *changed, *itertools.chain(*others.values())], "verdict": verdict, "scores": scores}
 
 
 def _changes(trial: PlannedTrial, codes: Codes, made_of: Mapping[str, Any]) -> Iterator[str]:
@@ -146,6 +178,18 @@ def _changes(trial: PlannedTrial, codes: Codes, made_of: Mapping[str, Any]) -> I
     for part, found in groups.items():
         if found is not None and (stored := made_of["code"].get(part)):
             yield from _code_changes(f"code of the {part.replace('_', ' ')}", stored, found.to_table())
+
+
+def _metric_changes(metric: MetricEntry, trial: PlannedTrial, codes: Codes, row: Row, before: _Before) -> Iterator[str]:
+    """What is other in a metric than when this row's output was last scored; nothing where the score is there, or never was."""
+    if codes.score_key(metric, trial.entry, row) in before.recorded.scores:
+        return
+    table, output = before.metrics.get(metric.label, metric.table), scored_output(trial.entry, row)
+    keys = {sha: score_keys(table, sha)(output, row["truth_sha"]) for sha, part in before.parts.items() if part["kind"] == "code"}
+    used = [sha for sha, key in keys.items() if key in before.recorded.scores]  # the code that scored it is the one that the key is made of
+    if used:
+        yield from _table_changes(f"metric {metric.label}", table, metric.table)
+        yield from _code_changes(f"code of the metric {metric.label}", before.parts[used[-1]], codes.metrics[metric.label].to_table())
 
 
 def _code_changes(head: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
@@ -169,7 +213,7 @@ def _table_changes(path: str, old: Any, new: Any) -> Iterator[str]:
         yield f"{path}: {old!r} → {new!r}"
 
 
-def _verdict(trial: PlannedTrial, codes: Codes, row: Row, changed: Sequence[str]) -> str:
+def _verdict(trial: PlannedTrial, codes: Codes, row: Row, changed: Sequence[str], metrics: Sequence[str]) -> str:
     if row["status"] == "skipped":
         return "it has not run; the next run begins it"
     if trial.trial_key != row["trial_key"]:
@@ -181,6 +225,8 @@ def _verdict(trial: PlannedTrial, codes: Codes, row: Row, changed: Sequence[str]
     runs = trial.entry.pipeline is not None and row["input_sha"]
     if runs and codes.estimate_key(trial.entry, row["input_sha"], trial.run) != row["estimate_key"]:
         return "its key has changed: the next run repeats it"
+    if metrics:
+        return f"the next run keeps its output and scores it again ({', '.join(metrics)})"
     if row["status"] in ("timeout", "oom"):
         return "the next run repeats it if the limit that it met is higher, or with --retry failed"
     return "the next run keeps it" if row["status"] == "ok" else "the next run keeps it, unless with --retry failed"

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sonobench.errors import InputError, TableError
+from sonobench.errors import InputError, PluginError, TableError
 from sonobench.registry import Registry, did_you_mean
 from sonobench.tables import read_toml
 
@@ -285,4 +285,9 @@ def _find(name_or_path: str | Path, plugins: Sequence[str | Path]) -> Path:
         return Path(name_or_path).resolve()
     if Path(name_or_path).exists():
         raise InputError(f"{name_or_path}: a study's file ends in .toml")
-    return Registry.load(plugins).find_data("studies", str(name_or_path), ".toml")
+    try:
+        return Registry.load(plugins).find_data("studies", str(name_or_path), ".toml")
+    except PluginError as error:
+        if not Path(f"{name_or_path}.toml").is_file():
+            raise
+        raise PluginError(f"{error}; the file that is here goes by its whole name, {name_or_path}.toml") from None

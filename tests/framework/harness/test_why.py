@@ -67,6 +67,21 @@ def test_it_names_each_part_that_changed(zoo):
     assert declared["changed"] == ["code of the tracker: file table.txt was edited"]
 
 
+def test_it_names_the_module_of_an_edited_metric_and_says_that_only_scores_are_computed_again(zoo):
+    zoo.edit("metric.py", "from sonobench import Series", "from sonobench import Series\nfrom zoo.deep import deep")
+    zoo.run("late", "broken")
+    zoo.edit("metric.py", "values * 1.0", "deep(values) * 1.0")
+    for pipeline in ("late", "broken"):
+        found = asked(zoo, f"{pipeline}/one/0")
+        assert found["changed"] == ["code of the metric east: module zoo.metric was edited"]
+        assert found["verdict"] == "the next run keeps its output and scores it again (east)"
+        assert "not there" in found["scores"]["east"]
+    zoo.run("late", "broken")
+    assert asked(zoo, "late/one/0")["changed"] == []
+    zoo.edit("deep.py", "return x", "return 1 + x")  # compared is what scored it last
+    assert asked(zoo, "late/one/0")["changed"] == ["code of the metric east: module zoo.deep was edited"]
+
+
 def test_it_names_what_changed_in_the_tables(zoo):
     zoo.run("plain")
     scene = zoo.folder / "one.toml"
@@ -109,6 +124,23 @@ def test_it_shows_the_traceback_and_its_command_repeats_this_one_trial(zoo, caps
     assert list(again["trial_key"]) == [key]
     assert again["exc_message"][0] == "a bug of mine"
     assert len(open_run(zoo.folder / "run").trials) == 2
+
+
+def test_a_run_in_one_process_keeps_tracebacks_of_trials_and_metrics_and_prints_them_too(zoo, capsys):
+    zoo.edit("metric.py", "values * 1.0", "values / []")
+    run = zoo.run("broken", "plain")
+    assert capsys.readouterr().err.count("RuntimeError: a bug of mine") == 1
+    row = run.trials.set_index("pipeline").loc["broken"]
+    assert row["log_path"] == f"logs/{row['trial_key']}.log"
+    traceback = asked(zoo, "broken/one/0")["failure"]["traceback"]
+    assert traceback[0] == "Traceback (most recent call last):"
+    assert traceback[-1] == "RuntimeError: a bug of mine"
+    plain = run.trials.set_index("pipeline").loc["plain"]
+    assert plain["log_path"] == ""
+    assert "ValueError" in (run.path / f"logs/score-{plain['trial_key']}.log").read_text()
+    zoo.edit("broken_tracker.py", "raise RuntimeError('a bug of mine')", "pass")
+    assert set(zoo.run("broken").trials["log_path"]) == {""}
+    assert not (run.path / row["log_path"]).exists()
 
 
 def test_its_command_names_what_the_run_was_given_beside_the_study(zoo, capsys):
