@@ -90,7 +90,7 @@ def test_the_log_of_what_hung_or_crashed_says_where(outcomes):
         assert f"in do_{how}\n" in (folder / f"{how}.log").read_text()
 
 
-@pytest.fixture(scope="module", params=["plain", "daemonic"])
+@pytest.fixture(scope="module", params=["plain", pytest.param("daemonic", marks=pytest.mark.study)])
 def killed(request, tmp_path_factory):
     """The processes that are left of each cell after kill -9 of their parent."""
     folder = tmp_path_factory.mktemp("killed")
