@@ -147,7 +147,7 @@ ENTRY = """
 use = "pipeline"
 front_end = "recorded"
 given = ["births"]
-tracker = {{ use = "{name}-phd", update = "stacked", birth = {{ use = "given", position_std_m = 0.01, velocity_std_m_s = 0.01 }} }}
+tracker = {{ use = "{name}-phd", update = "stacked", birth = {{ use = "given", position_std_m = 0.01, velocity_std_m_s = 0.01, once = 2 }} }}
 """
 
 

@@ -28,6 +28,7 @@ from stonesoup.updater.kalman import CubatureKalmanUpdater
 from stonesoup.updater.pointprocess import PHDUpdater
 
 from sonobench.filtering.mixture import empty
+from sonobench.filtering.steps import initial
 from sonobench.protocols import Birth, Mixture
 from sonobench.types import Array, Estimate, Scan
 
@@ -105,14 +106,15 @@ class StoneSoup:
         """What the measurement model says of one state (4,)."""
         return np.asarray(self.model.function(State(StateVector(x))), float)[:, 0]
 
-    def run(self, scans: Sequence[Scan]) -> list[Estimate]:
+    def run(self, scans: Sequence[Scan], start_s: float) -> list[Estimate]:
         """Births, prediction, update, reduction, extraction, scan by scan."""
-        components: set[TaggedWeightedGaussianState] = set()
+        known = self._born(initial(self.birth, self.memory, 4), EPOCH + timedelta(seconds=start_s), 1.0)
+        components: set[TaggedWeightedGaussianState] = set(known)
         out, memory = [], self.memory
         for scan in scans:
             now = EPOCH + timedelta(seconds=scan.time_s)
             memory, born = self.birth.propose(np.random.default_rng(0), memory, scan, empty(4))
-            components |= set(self._born(born, now))
+            components |= set(self._born(born, now, self.numbers.p_s))
             rows = [z for group in scan.detections for z in group.z]
             detections = {Detection(StateVector(z), timestamp=now, measurement_model=self.model) for z in rows}
             hypotheses = self.hypothesiser.hypothesise(components, detections, now)
@@ -121,8 +123,8 @@ class StoneSoup:
             out.append(Estimate(scan.time_s, np.reshape(found, (-1, 4)), info={"components": len(components)}))
         return out
 
-    def _born(self, born: Mixture, now: datetime):
+    def _born(self, born: Mixture, now: datetime, survives: float):
         for k, (w, m, P) in enumerate(zip(born.w, born.m, born.P, strict=True)):
             yield TaggedWeightedGaussianState(
-                StateVector(m), CovarianceMatrix(P), weight=float(w) / self.numbers.p_s, tag=f"{now}/{k}", timestamp=now
+                StateVector(m), CovarianceMatrix(P), weight=float(w) / survives, tag=f"{now}/{k}", timestamp=now
             )

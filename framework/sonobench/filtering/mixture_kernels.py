@@ -51,19 +51,30 @@ def _whiten(L: Array, b: Array, out: Array) -> float:
 
 @njit(types.boolean(_A3, _A4, _W2), cache=True)
 def log_densities(residual: Array, S: Array, out: Array) -> bool:
-    """log N(residual (J, m, dz); 0, S (J, m or 1, dz, dz)) into out (J, m); False where a covariance is singular."""
+    """log N(residual (J, m, dz); 0, S (J or 1, m or 1, dz, dz)) into out (J, m); False where a covariance is singular."""
     J, m, dz = residual.shape
-    L, white = np.empty((dz, dz)), np.empty(dz)
-    log_norm = 0.0
+    A, B = S.shape[:2]
+    W, log_norm = np.zeros((A, B, dz, dz)), np.full((A, B), -0.5 * dz * math.log(2 * math.pi))
+    L, unit, column = np.empty((dz, dz)), np.eye(dz), np.empty(dz)
+    for a in range(A):
+        for b in range(B):
+            if not _factor(S[a, b], L):
+                return False
+            for i in range(dz):
+                log_norm[a, b] -= math.log(L[i, i])
+                _whiten(L, unit[i], column)
+                W[a, b, :, i] = column
     for j in range(J):
+        a = min(j, A - 1)
         for z in range(m):
-            if z < S.shape[1]:
-                if not _factor(S[j, z], L):
-                    return False
-                log_norm = -0.5 * dz * math.log(2 * math.pi)
-                for i in range(dz):
-                    log_norm -= math.log(L[i, i])
-            out[j, z] = log_norm - 0.5 * _whiten(L, residual[j, z], white)
+            b = min(z, B - 1)
+            square = 0.0
+            for i in range(dz):
+                white = 0.0
+                for k in range(i + 1):
+                    white += W[a, b, i, k] * residual[j, z, k]
+                square += white * white
+            out[j, z] = log_norm[a, b] - 0.5 * square
     return True
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,14 @@ class Cloud(NamedTuple):
     log_w: Array
     x: Array
     mode: Ints
+
+
+@cache
+def particle_kernels() -> ModuleType:
+    """The compiled loops, imported at their first use: Numba alone takes a third of a second, and imports are watched in trials."""
+    from sonobench.filtering import particle_kernels
+
+    return particle_kernels
 
 
 def empty_cloud(d: int) -> Cloud:
@@ -46,13 +56,14 @@ def balls(cloud: Cloud, columns: list[int], radius: float, weight: float, copies
     ball holds is one target (with `copies`, as many as its weight rounds to) and is taken away. The result depends on the
     particles only, no random number is drawn.
     """
-    x, w = cloud.x[:, columns], np.exp(cloud.log_w)
+    kernels, mass_at = particle_kernels(), np.empty(_CANDIDATES)
+    x, w = np.ascontiguousarray(cloud.x[:, columns]), np.exp(cloud.log_w)
     found: list[tuple[float, Array, Array]] = []
     while len(w) and w.sum() > weight:
         edges = np.cumsum(w)
         picks = np.searchsorted(edges, edges[-1] * (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES)
-        near = np.sum((x[picks][:, None] - x) ** 2, axis=-1) <= radius**2
-        centre = x[picks[np.argmax(near @ w)]]
+        kernels.masses(x, w, np.ascontiguousarray(x[picks].T), float(radius) ** 2, mass_at)
+        centre = x[picks[np.argmax(mass_at)]]
         for _ in range(_SHIFTS):
             inside = np.sum((x - centre) ** 2, axis=1) <= radius**2
             centre = w[inside] @ x[inside] / w[inside].sum()

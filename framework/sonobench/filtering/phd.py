@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sonobench.filtering.evidence import Rows, rows_of
-from sonobench.filtering.gaussian import SINGULAR, log_gaussian
+from sonobench.filtering.gaussian import SINGULAR
 from sonobench.filtering.mixture import kernels, take, union
+from sonobench.filtering.particles import particle_kernels
 from sonobench.protocols import BoundMeasurement, Mixture
 from sonobench.types import Array, Bools, Floats, Ints, Scan
 
@@ -25,13 +26,6 @@ class Moments(NamedTuple):
     z_hat: Array
     S: Array
     cross: Array
-
-
-def log_shares(log_w: Array, log_g: Array, log_p_d: Array, log_clutter: Array) -> Array:
-    """log of each detected weight (J, m): p_D w g / (kappa + Σ p_D w g), from logs of w (J,), g (J, m), p_D (J,), kappa (m,)."""
-    joint = (log_w + log_p_d)[:, None] + log_g
-    evidence = np.logaddexp(np.logaddexp.reduce(joint, axis=0), log_clutter) if len(joint) else log_clutter
-    return np.asarray(joint - np.where(np.isneginf(evidence), 0.0, evidence))
 
 
 def patterns(rows: Rows) -> Iterator[tuple[Ints, Bools]]:
@@ -88,9 +82,7 @@ def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeas
 def _detected(prior: Mixture, log_prior: Array, seen: tuple[Floats, Array, Array], log_kappa: Array, above: float) -> Mixture:
     """The components of eq. 21, row after row: `seen` holds residuals (J, m, dz), S (J, m or 1, dz, dz) with R, cross (J, d, dz)."""
     residual, S, cross = (np.ascontiguousarray(a, float) for a in seen)
-    w = np.empty(residual.shape[:2])
-    if not kernels().log_densities(residual, S, w):
-        raise ValueError(SINGULAR)
+    w = log_densities(residual, S)
     w += log_prior[:, None]
     kernels().share(w, np.ascontiguousarray(log_kappa, float))
     w, m, P, of = kernels().conditioned(w, np.ascontiguousarray(prior.m), np.ascontiguousarray(prior.P), residual, S, cross, above)
@@ -107,10 +99,26 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     p_d = measurement.p_d(x, q, scan)[..., 0]
     shares = np.full((len(x), len(rows.z)), -np.inf)
     with np.errstate(divide="ignore"):
-        log_p_d, log_missed = np.log(p_d), log_w + np.log1p(-p_d)
+        log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
     for which, valid in patterns(rows):
         noise = (measurement.R(q, scan) if rows.R is None else rows.R[which])[..., valid, :][..., valid]
         residual = measurement.residual(rows.z[which], z_hat[:, None, :], q)[..., valid]  # (N, m, dz)
         log_kappa = log_intensity(measurement, rows.z[which], q, valid)
-        shares[:, which] = log_shares(log_w, log_gaussian(residual, noise), log_p_d, log_kappa)
-    return np.logaddexp.reduce(np.column_stack([log_missed, shares]), axis=1), shares
+        share = log_densities(residual, noise[None] if noise.ndim == 3 else noise[None, None])
+        share += log_joint[:, None]
+        particle_kernels().log_share(share, np.ascontiguousarray(log_kappa, float))
+        shares[:, which] = share
+    particle_kernels().add_logs(log_after, shares)
+    return log_after, shares
+
+
+def log_densities(residual: Floats, S: Floats) -> Array:
+    """log N (J, m) of residuals (J, m, dz) with covariances S (J or 1, m or 1, dz, dz).
+
+    Raises:
+        ValueError: S is singular.
+    """
+    log = np.empty(residual.shape[:2])
+    if not kernels().log_densities(np.ascontiguousarray(residual, float), np.ascontiguousarray(S, float), log):
+        raise ValueError(SINGULAR)
+    return log
