@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +182,18 @@ class Zoo:
         about = self.folder / "site-packages" / f"stuff_of_a_wheel-{version}.dist-info"
         about.mkdir()
         (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: stuff_of_a_wheel\nVersion: {version}\n")
+
+    @classmethod
+    @contextmanager
+    def installed(cls, folder: Path, monkeypatch: Any) -> Iterator[Zoo]:
+        """The package on sys.path, an empty cache, and `folder` the current one."""
+        monkeypatch.setenv("SONOBENCH_CACHE", str(folder / "cache"))
+        monkeypatch.chdir(folder)
+        made = cls(folder)
+        for path in made.paths:
+            monkeypatch.syspath_prepend(path)
+        yield made
+        made.forget()
 
     def edit(self, name: str, old: str, new: str) -> None:
         """Change a file of the package."""

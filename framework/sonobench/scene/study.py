@@ -13,6 +13,9 @@ scene.noise.snr_db = [10, 20]
 pipelines.mine.front_end.delay.floor = [0.05, 0.2]
 
 `reference = ["chen2012"]` puts published numbers beside the measured ones on its boards.
+
+The harness is imported within the methods that call it, because it imports this module: a study is what users hold, so `plan` and
+`run` stand here.
 """
 
 from __future__ import annotations

@@ -161,11 +161,8 @@ def test_a_scene_that_a_worker_cannot_render_is_each_trials_error(folder, cluste
 
 @pytest.fixture
 def zoo(folder, monkeypatch):
-    made = Zoo(folder)
-    for path in made.paths:
-        monkeypatch.syspath_prepend(path)
-    yield made
-    made.forget()
+    with Zoo.installed(folder, monkeypatch) as made:
+        yield made
 
 
 def test_a_worker_that_reads_other_code_is_refused(zoo, cluster, monkeypatch):

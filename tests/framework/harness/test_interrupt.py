@@ -72,7 +72,9 @@ def interrupted(folder, arguments, moment):
     os.killpg(process.pid, signal.SIGINT)
     errors = process.communicate(timeout=30)[1]
     seconds = time.monotonic() - begin
-    left = psutil.wait_procs([p for p in below if not has_ended(p.pid)], timeout=1)[1]  # multiprocessing's tracker ends after us
+    until = time.monotonic() + 1
+    while (left := [p for p in below if not has_ended(p.pid)]) and time.monotonic() < until:  # multiprocessing's tracker ends after us
+        time.sleep(0.02)
     return process.returncode, seconds, left, errors
 
 

@@ -18,13 +18,8 @@ from sonobench.harness.verify import sample, verify_scores, verify_trials
 
 @pytest.fixture
 def zoo(tmp_path, monkeypatch):
-    monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-    made = Zoo(tmp_path)
-    for path in made.paths:
-        monkeypatch.syspath_prepend(path)
-    yield made
-    made.forget()
+    with Zoo.installed(tmp_path, monkeypatch) as made:
+        yield made
 
 
 def test_a_sample_is_a_share_of_the_trials_at_least_one_and_always_the_same():

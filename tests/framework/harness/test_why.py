@@ -16,13 +16,8 @@ from sonobench.harness.why import explain
 
 @pytest.fixture
 def zoo(tmp_path, monkeypatch):
-    monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-    made = Zoo(tmp_path)
-    for path in made.paths:
-        monkeypatch.syspath_prepend(path)
-    yield made
-    made.forget()
+    with Zoo.installed(tmp_path, monkeypatch) as made:
+        yield made
 
 
 def asked(zoo, trial):
