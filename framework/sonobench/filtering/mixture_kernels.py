@@ -55,15 +55,19 @@ def log_densities(residual: Array, S: Array, out: Array) -> bool:
     J, m, dz = residual.shape
     A, B = S.shape[:2]
     W, log_norm = np.zeros((A, B, dz, dz)), np.full((A, B), -0.5 * dz * math.log(2 * math.pi))
-    L, unit, column = np.empty((dz, dz)), np.eye(dz), np.empty(dz)
+    L = np.empty((dz, dz))  # W is its inverse
     for a in range(A):
         for b in range(B):
             if not _factor(S[a, b], L):
                 return False
             for i in range(dz):
                 log_norm[a, b] -= math.log(L[i, i])
-                _whiten(L, unit[i], column)
-                W[a, b, :, i] = column
+                W[a, b, i, i] = 1.0 / L[i, i]
+                for r in range(i + 1, dz):
+                    total = 0.0
+                    for k in range(i, r):
+                        total -= L[r, k] * W[a, b, k, i]
+                    W[a, b, r, i] = total / L[r, r]
     for j in range(J):
         a = min(j, A - 1)
         for z in range(m):
