@@ -29,7 +29,7 @@ _VX, _VY, _TURN = 1, 3, 4
 class CoordinatedTurn:
     """Coordinated turn in the plane, state order x_m vx_m_s y_m vy_m_s turn_rad_s."""
 
-    turn_std_rad_s: float = 0.8  #: steady-state deviation of the turn rate
+    turn_std_rad_s: float = 1.0  #: steady-state deviation of the turn rate
     turn_time_s: float = 1.0  #: time within which a turn rate is forgotten
     along_walk_m_s: float = 0.1  #: deviation that the velocity gains in one second along the way
     across_walk_m_s: float = 0.1  #: and across it, beyond what turning gives

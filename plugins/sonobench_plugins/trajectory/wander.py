@@ -33,7 +33,7 @@ class Wander:
     low_m: Array  #: (2,) m, corner of the box on the floor
     high_m: Array  #: (2,) m, the opposite corner
     until_s: float = 60.0  #: how long it goes on
-    leg_m: float = 0.6  #: distance between control points
+    leg_m: float = 0.4  #: distance between control points
     turn_deg: float = 45.0  #: largest turn from one leg to the next, below 90
 
     def __post_init__(self) -> None:
