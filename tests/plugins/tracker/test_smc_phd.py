@@ -115,7 +115,7 @@ def test_certain_detection_and_no_rows_leaves_nobody():
     [
         (ParticlePhd(extraction="measurement"), scenes.setup(False), 'use extraction = "balls"'),
         (ParticlePhd(update="stacked"), scenes.setup(False), "smc-phd with update"),
-        (ParticlePhd(measurement=Position(modes=3)), setup(), "predicts up to 3"),
+        (ParticlePhd(measurement=Position(modes=3), extraction="measurement"), setup(), "predicts up to 3"),
         (ParticlePhd(measurement=Tdoa(), birth=Room()), scenes.setup(box_m=None), "needs the room's box"),
     ],
 )
