@@ -77,7 +77,7 @@ def test_noise_along_the_way_changes_the_speed_alone():
 
 
 def test_the_density_is_that_of_its_noise_and_no_time_is_a_point():
-    model, x = CoordinatedTurn(), read_only([[0.0, 1.0, 0.0, 0.0, 0.3]])
+    model, x = CoordinatedTurn(turn_std_rad_s=0.8), read_only([[0.0, 1.0, 0.0, 0.0, 0.3]])
     moved, _ = STILL.sample(np.random.default_rng(0), x, ZERO, 0.1)
     away = moved.copy()
     away[0, 4] = 0.3 * math.exp(-0.1) + 0.8 * math.sqrt(-math.expm1(-0.2))  # one deviation of the turn's kick
