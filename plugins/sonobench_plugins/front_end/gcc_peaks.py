@@ -5,7 +5,7 @@ Source: Knapp & Carter 1976; detections as in Ma et al. 2006 (several peaks a pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -46,7 +46,8 @@ class GccPeaks:
         """Plan the tables; SetupError where there are no microphones or pairs, or the frame is too short."""
         unit = rig(header, self.pairs, "gcc-peaks")
         cut = (self.frame_s, self.hop_s, self.window)
-        stream = open_stream(unit, header, (self.delay, self.activity), cut, self.oversampling, self.memory_s)
+        wide = replace(unit, max_delay_s=unit.max_delay_s + self.margin_s)
+        stream = open_stream(wide, header, (self.delay, self.activity), cut, self.oversampling, self.memory_s)
         period_s = stream.framing.hop / stream.framing.rate_hz
         setup = Setup.from_header(header, pair_sensors(unit), period_s, unit.rate_hz)
         return setup, _State(stream, stream.start(), self._allowed(stream, unit))
