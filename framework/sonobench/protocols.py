@@ -42,6 +42,28 @@ class FrontEnd(Protocol):
 
 
 @runtime_checkable
+class Preprocessor(Protocol):
+    """Samples → samples of one array (one clock), before they are cut into frames; at an instant the same is done to all channels.
+
+    Sample k of what comes out stands for sample k of what went in. One that must look ahead gives its samples later and the rest
+    at `finish`, so that times stay right; how the samples were cut into calls changes no bit. Silence stays silent.
+    Optional attribute `passes_hz` (low, high): where it leaves sound; front ends leave the rest out of their transforms.
+    """
+
+    def start(self, rate_hz: float, channels: int) -> State:
+        """State before the first sample; SetupError where the rate does not suit its parameters."""
+        ...
+
+    def process(self, state: State, samples: Array) -> tuple[State, Array]:
+        """Take the next (n, channels), n of at least 1, and return those that are ready (n', channels), n' of at least 0."""
+        ...
+
+    def finish(self, state: State) -> Array:
+        """The samples that were still due, (n', channels)."""
+        ...
+
+
+@runtime_checkable
 class Delay(Protocol):
     """Spectra → generalised cross-correlations."""
 
@@ -313,6 +335,7 @@ ROLES: Mapping[str, type] = {
     "trajectory": Trajectory,
     "simulator": Simulator,
     "pipeline": PipelineLike,
+    "preprocessor": Preprocessor,
 }
 
 __all__ = [
@@ -337,3 +360,4 @@ __all__ = [
     "Trajectory",
     "Transform",
 ]
+    "Preprocessor",
