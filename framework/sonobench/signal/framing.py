@@ -106,7 +106,7 @@ def push(plan: Framing, tail: Tail, block: Block) -> tuple[Tail, list[Frames]]:
     if block.array not in plan.arrays:
         return tail, []
     which = plan.arrays.index(block.array)
-    _check(block, plan.channels[which], tail.counts[which])
+    check_block(block, plan.channels[which], tail.counts[which])
     chunks, counts = list(tail.chunks), list(tail.counts)
     chunks[which] = (*chunks[which], block.samples)
     counts[which] += len(block.samples)
@@ -138,7 +138,8 @@ def _take(plan: Framing, tail: Tail, sizes: list[int]) -> tuple[Tail, list[Frame
     return Tail(tail.frame + at, tuple((w[at * plan.hop :],) for w in whole), tail.counts), out
 
 
-def _check(block: Block, channels: int, expected: int) -> None:
+def check_block(block: Block, channels: int, expected: int) -> None:
+    """Raise InputError unless a block goes on at sample `expected`, with these channels, all finite."""
     if block.first_sample != expected:
         raise InputError(f"array {block.array}: a block begins at sample {block.first_sample}, sample {expected} was due; blocks are lost")
     if block.samples.shape[1] != channels:

@@ -1,4 +1,4 @@
-"""Blocks → delay tables frame by frame: framing, activity, correlation and averaging, with all memory in a State."""
+"""Blocks → delay tables frame by frame: preprocessing, framing, activity, correlation and averaging, with all memory in a State."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sonobench.errors import PluginError, SetupError
-from sonobench.protocols import Activity, Delay, State
+from sonobench.protocols import Activity, Delay, Preprocessor, State
 from sonobench.signal.correlation import TablePlan, plan_tables
 from sonobench.signal.framing import Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push
+from sonobench.signal.preprocessing import ChainState, advance, begin, finish, passed_hz
 from sonobench.signal.rig import Rig
 from sonobench.types import Array, Block, Bools, Header
 
@@ -34,8 +35,9 @@ class TableFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamState:
-    """Memory of a stream: waiting samples, the activity's own, and sums (P, lags) and weights (P,) of past tables."""
+    """Memory of a stream: each array's preprocessors, waiting samples, the activity's own, sums (P, lags) and weights (P,) of past tables."""
 
+    chains: tuple[ChainState, ...]
     tail: Tail
     activity: State
     total: Array
@@ -50,6 +52,7 @@ class TableStream:
         framing, plan: how frames are cut and correlated.
         delay, activity: the front end's components.
         keep: share of the past that one hop leaves, in [0, 1).
+        preprocess: what samples go through first, one after another.
     """
 
     framing: Framing
@@ -57,25 +60,42 @@ class TableStream:
     delay: Delay
     activity: Activity
     keep: float
+    preprocess: tuple[Preprocessor, ...] = ()
 
     def start(self) -> StreamState:
         """State before the first block."""
         pairs = len(self.plan.pairs)
         total = np.zeros((pairs, self.plan.columns))
-        return StreamState(empty_tail(self.framing), self.activity.start(self.framing.rate_hz), total, np.zeros(pairs))
+        arrays = zip(self.framing.arrays, self.framing.channels, strict=True) if self.preprocess else ()
+        chains = tuple(begin(self.preprocess, name, channels, self.framing.rate_hz) for name, channels in arrays)
+        return StreamState(chains, empty_tail(self.framing), self.activity.start(self.framing.rate_hz), total, np.zeros(pairs))
 
     def step(self, state: StreamState, block: Block) -> tuple[StreamState, list[TableFrame]]:
         """Take a block; the frames of each group that it completes."""
+        for a, chain in enumerate(state.chains):
+            if chain.array == block.array:
+                after, ready = advance(self.preprocess, chain, block)
+                state = replace(state, chains=(*state.chains[:a], after, *state.chains[a + 1 :]))
+                return (state, []) if ready is None else self._framed(state, ready)
+        return self._framed(state, block)
+
+    def flush(self, state: StreamState) -> list[TableFrame]:
+        """What the preprocessors still held, and the whole frames that still waited for their group."""
+        out: list[TableFrame] = []
+        for chain in state.chains:
+            rest = finish(self.preprocess, chain)
+            if rest is not None:
+                state, frames = self._framed(state, rest)
+                out += frames
+        return out + [frame for group in drain(self.framing, state.tail) for frame in self._group(state, group)[1]]
+
+    def _framed(self, state: StreamState, block: Block) -> tuple[StreamState, list[TableFrame]]:
         tail, groups = push(self.framing, state.tail, block)
         state, out = replace(state, tail=tail), []
         for group in groups:
             state, frames = self._group(state, group)
             out += frames
         return state, out
-
-    def flush(self, state: StreamState) -> list[TableFrame]:
-        """The whole frames that still waited for their group."""
-        return [frame for group in drain(self.framing, state.tail) for frame in self._group(state, group)[1]]
 
     def _group(self, state: StreamState, group: Frames) -> tuple[StreamState, list[TableFrame]]:
         memory, active = self.activity.active(state.activity, group.samples)
@@ -122,7 +142,7 @@ class TableStream:
 def open_stream(
     unit: Rig,
     header: Header,
-    parts: tuple[Delay, Activity],
+    parts: tuple[Delay, Activity, tuple[Preprocessor, ...]],
     cut: tuple[float, float, WindowName],
     oversampling: int,
     memory_s: float,
@@ -131,8 +151,8 @@ def open_stream(
 
     Args:
         unit: the rig.
-        header: of the recording; its `band_hz` bounds the spectra.
-        parts: delay estimator and activity detector.
+        header: of the recording; its `band_hz`, and what the preprocessors leave of it, bounds the spectra.
+        parts: delay estimator, activity detector and preprocessors.
         cut: frame_s, hop_s and window name.
         oversampling: columns of a table a lag.
         memory_s: time constant of the exponential average over frames, 0 for none.
@@ -144,6 +164,7 @@ def open_stream(
         raise SetupError(f"oversampling is {oversampling} and memory_s {memory_s}; at least 1 and 0 are needed")
     frame_s, hop_s, name = cut
     cutting = framing(unit.arrays, frame_s, hop_s, unit.rate_hz, header.start_s)
-    plan = plan_tables(unit.pairs, unit.rate_hz, name, cutting.length, float(unit.max_delay_s.max()), header.band_hz, oversampling)
+    band_hz = passed_hz(parts[2], header.band_hz, unit.rate_hz)
+    plan = plan_tables(unit.pairs, unit.rate_hz, name, cutting.length, float(unit.max_delay_s.max()), band_hz, oversampling)
     keep = float(np.exp(-cutting.hop / cutting.rate_hz / memory_s)) if memory_s > 0.0 else 0.0
-    return TableStream(cutting, plan, parts[0], parts[1], keep)
+    return TableStream(cutting, plan, parts[0], parts[1], keep, parts[2])

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from sonobench import Block, Detections, Header, Scan, Setup, SetupError
-from sonobench.protocols import Activity, Delay, State
+from sonobench.protocols import Activity, Delay, Preprocessor, State
 from sonobench.signal import Rig, StreamState, TableFrame, TableStream, WindowName, open_stream, refine, rig, stack_sensor
 from sonobench.types import Array, Bools, Floats, MicArray
 from sonobench_plugins.activity.energy import Energy
@@ -41,6 +41,7 @@ class GccMax:
     hop_s: float = 0.032  #: time between scans
     window: WindowName = "hann"  #: rectangular, hamming or hann
     pairs: Literal["scene", "all"] = "scene"  #: the pairs that the scene names, or every two microphones
+    preprocess: tuple[Preprocessor, ...] = ()  #: what samples go through before they are framed, one after another
     delay: Delay = field(default_factory=Phat)  #: delay estimator
     activity: Activity = field(default_factory=Energy)  #: voice activity, of each copy by itself
     memory_s: float = 0.0  #: time constant of the average over frames, 0 for none
@@ -70,7 +71,7 @@ class GccMax:
 
     def _stream(self, unit: Rig, header: Header) -> TableStream:
         cut = (self.frame_s, self.hop_s, self.window)
-        return open_stream(unit, header, (self.delay, self.activity), cut, self.oversampling, self.memory_s)
+        return open_stream(unit, header, (self.delay, self.activity, self.preprocess), cut, self.oversampling, self.memory_s)
 
     def _scan(self, state: _State, frames: tuple[TableFrame, ...] | list[TableFrame]) -> Scan:
         plan, time_s = state.streams[0].plan, frames[0].time_s

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from sonobench import Block, DelayTable, Detections, Header, Scan, Setup
-from sonobench.protocols import Activity, Delay, State
+from sonobench.protocols import Activity, Delay, Preprocessor, State
 from sonobench.signal import Rig, StreamState, TableFrame, TableStream, WindowName, open_stream, pair_sensors, pick, rig
 from sonobench.types import Bools
 from sonobench_plugins.activity.energy import Energy
@@ -33,6 +33,7 @@ class GccPeaks:
     hop_s: float = 0.064  #: time between scans
     window: WindowName = "hann"  #: rectangular, hamming or hann
     pairs: Literal["scene", "all"] = "scene"  #: the pairs that the scene names, or every two microphones
+    preprocess: tuple[Preprocessor, ...] = ()  #: what samples go through before they are framed, one after another
     delay: Delay = field(default_factory=Phat)  #: delay estimator
     activity: Activity = field(default_factory=Energy)  #: voice activity
     relative: float = 0.5  #: least height of a peak, as a share of the pair's highest
@@ -47,7 +48,7 @@ class GccPeaks:
         unit = rig(header, self.pairs, "gcc-peaks")
         cut = (self.frame_s, self.hop_s, self.window)
         wide = replace(unit, max_delay_s=unit.max_delay_s + self.margin_s)
-        stream = open_stream(wide, header, (self.delay, self.activity), cut, self.oversampling, self.memory_s)
+        stream = open_stream(wide, header, (self.delay, self.activity, self.preprocess), cut, self.oversampling, self.memory_s)
         period_s = stream.framing.hop / stream.framing.rate_hz
         setup = Setup.from_header(header, pair_sensors(unit), period_s, unit.rate_hz)
         return setup, _State(stream, stream.start(), self._allowed(stream, unit))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sonobench import Block, DelayTable, Detections, Header, Scan, Sensor, Setup, SetupError
-from sonobench.protocols import Activity, Delay, State
+from sonobench.protocols import Activity, Delay, Preprocessor, State
 from sonobench.signal import (
     Picked,
     Search,
@@ -53,6 +53,7 @@ class SrpPeaks:
     window: WindowName = "hann"  #: rectangular, hamming or hann
     pairs: Literal["scene", "all"] = "scene"  #: pairs of the stack: those that the scene names, or every two microphones
     search: Literal["own", "all"] = "all"  #: pairs of the steered power: the stack's own, or every two microphones
+    preprocess: tuple[Preprocessor, ...] = ()  #: what samples go through before they are framed, one after another
     delay: Delay = field(default_factory=Phat)  #: delay estimator
     activity: Activity = field(default_factory=Energy)  #: voice activity
     memory_s: float = 0.1  #: time constant of the average over frames, 0 for none
@@ -76,7 +77,7 @@ class SrpPeaks:
             raise SetupError(f"srp-peaks searches a room; recording {header.name} has no box_m (free field or unknown): use gcc-peaks")
         cut = (self.frame_s, self.hop_s, self.window)
         searched = widened(unit, header) if self.search == "all" else unit
-        stream = open_stream(searched, header, (self.delay, self.activity), cut, self.oversampling, self.memory_s)
+        stream = open_stream(searched, header, (self.delay, self.activity, self.preprocess), cut, self.oversampling, self.memory_s)
         sensors: tuple[Sensor, ...] = (stack_sensor(unit), *(pair_sensors(unit) if self.tables else ()))
         setup = Setup.from_header(header, sensors, stream.framing.hop / stream.framing.rate_hz, unit.rate_hz)
         height_m = None if self.volume else setup.value("height_m", self.height_m, "srp-peaks")
