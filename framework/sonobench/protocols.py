@@ -211,6 +211,18 @@ class Birth(Protocol):
 
 
 @runtime_checkable
+class Spawn(Protocol):
+    """Where targets split off others."""
+
+    def spawned(self, moved: Mixture) -> Mixture:
+        """What splits off the posterior of the last scan, whose components come moved to this one with their weights (before p_S).
+
+        SetupError where the components are of another dimension than this expects; trackers ask at init, with no component.
+        """
+        ...
+
+
+@runtime_checkable
 class Tracker(Protocol):
     """Scans → estimates. Optionally `run(rng, setup, scans) -> list[Estimate]` (a smoother; marked offline)."""
 
@@ -323,19 +335,20 @@ class PipelineLike(Protocol):
 #: role name (as plugins and tables say it) → protocol
 ROLES: Mapping[str, type] = {
     "front_end": FrontEnd,
+    "preprocessor": Preprocessor,
     "delay": Delay,
     "activity": Activity,
     "motion": Motion,
     "measurement": Measurement,
     "transform": Transform,
     "birth": Birth,
+    "spawn": Spawn,
     "tracker": Tracker,
     "metric": Metric,
     "sound": Sound,
     "trajectory": Trajectory,
     "simulator": Simulator,
     "pipeline": PipelineLike,
-    "preprocessor": Preprocessor,
 }
 
 __all__ = [
@@ -350,14 +363,15 @@ __all__ = [
     "Mixture",
     "Motion",
     "PipelineLike",
+    "Preprocessor",
     "Rendering",
     "Series",
     "Simulator",
     "Sound",
     "SoundSignal",
+    "Spawn",
     "State",
     "Tracker",
     "Trajectory",
     "Transform",
 ]
-    "Preprocessor",

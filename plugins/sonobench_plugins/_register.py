@@ -42,6 +42,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "room": f"{_HERE}.birth.room:Room",
             "from-detections": f"{_HERE}.birth.from_detections:FromDetections",
         },
+        "spawn": {"offset": f"{_HERE}.spawn.offset:Offset"},
         "tracker": {
             "gm-phd": f"{_HERE}.tracker.gm_phd:GaussianMixturePhd",
             "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",

@@ -44,6 +44,7 @@ class Factors(NamedTuple):
             that these add up to more than `factor`), where it was asked for; else (N, 0).
         sets: how many sets W took part.
         cut: the cut that was used; above the one asked for where the scan was too ambiguous.
+        left_out: rows beyond the 62 likeliest to be a target's, which were taken for clutter.
     """
 
     factor: Array
@@ -51,6 +52,7 @@ class Factors(NamedTuple):
     explained: Array
     sets: int
     cut: float
+    left_out: int = 0
 
 
 def evidence(x: Array, scan: Scan, measurement: BoundMeasurement, setup: Setup, sensors: tuple[int, ...]) -> tuple[Array, Array, Array]:
@@ -117,8 +119,7 @@ def factors(
         explain: work out `explained`.
 
     Raises:
-        ValueError: shapes that do not fit, more than 62 rows that some particle may cause or ways beyond memory, or numbers
-            beyond float64.
+        ValueError: shapes that do not fit, or numbers beyond float64 or memory.
     """
     log_w, log_pg, log_miss, log_kappa = (np.asarray(a, np.float64) for a in (log_w, log_pg, log_miss, log_kappa))
     if log_pg.ndim != 3 or log_w.shape != log_pg.shape[:1] or log_miss.shape != log_pg.shape[:2] or log_kappa.shape != log_pg.shape[2:]:
@@ -130,14 +131,16 @@ def factors(
     a, kappa, used = _scaled(log_w, log_pg, log_kappa, q, cut)
     if n == 0 or len(used) == 0:
         return Factors(missed, missed, explained, 0, cut)
-    if len(used) > MOST_ROWS:
-        raise ValueError(f"{len(used)} rows that a target may cause; at most {MOST_ROWS} can be updated jointly, so keep the strongest")
+    left_out = max(len(used) - MOST_ROWS, 0)
+    if left_out:
+        kept = np.sort(np.argsort(kappa, kind="stable")[:MOST_ROWS])  # scaled: the share of clutter in a row's intensity
+        a, kappa, used = np.ascontiguousarray(a[:, :, kept]), kappa[kept], used[kept]
     factor, own, sets, cut = _solve(np.exp(log_w), a, q, kappa, cut, most_states, explain)
     if not np.isfinite(factor).all():
         raise ValueError("particles' weights spread over too many decades for float64; resample, or drop the lightest")
     if explain:
         explained[:, used] = own
-    return Factors(factor, missed, explained, sets, cut)
+    return Factors(factor, missed, explained, sets, cut, left_out)
 
 
 def _scaled(log_w: Array, log_pg: Array, log_kappa: Array, q: Array, cut: float) -> tuple[Array, Array, Ints]:

@@ -187,9 +187,9 @@ def sampled(signal: Array | None = None, lengths: Sequence[int] = (1600,)) -> Me
     return MemoryRecording(_header(len(signal) / RATE_HZ, (array,), ()), cut(signal, lengths))
 
 
-def measured(k: int = 12) -> MemoryRecording:
+def measured(k: int = 12, grouping: str = "pairs") -> MemoryRecording:
     """A recording of scans without samples."""
-    told = setup("pairs")
+    told = setup(grouping)
     header = dataclasses.replace(_header(k * PERIOD_S, (), told.sensors), period_s=PERIOD_S)
     return MemoryRecording(header, (), tuple(scans(told, regular(k))))
 

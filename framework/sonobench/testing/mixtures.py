@@ -15,7 +15,7 @@ from sonobench.testing import fixtures
 from sonobench.testing.kit import Case, claim, need, unmet, untouched
 from sonobench.types import Space
 
-_TRANSFORM, _BIRTH = ("transform",), ("birth",)
+_TRANSFORM, _BIRTH, _SPAWN = ("transform",), ("birth",), ("spawn",)
 
 
 def _linear(d: int = 4, dz: int = 2) -> fixtures.LinearMeasurement:
@@ -119,17 +119,57 @@ def birth_runs(case: Case) -> None:
 def birth_mixture(case: Case) -> None:
     """Born components are w (J,) ≥ 0, m (J, d), P (J, d, d) symmetric and positive semidefinite, mode (J,) of integers."""
     d = len(_begun(case)[2])
-    for silent in (False, True):
-        for w, m, P, mode in _proposals(case, silent=silent):
-            n = len(w)
-            shapes = [np.shape(a) for a in (w, m, P, mode)]
-            need(shapes == [(n,), (n, d), (n, d, d), (n,)], f"shapes of w, m, P, mode are {shapes} for {d} coordinates")
-            need(all(np.isfinite(a).all() for a in (w, m, P)), "a born component holds NaN or infinity")
-            need((np.asarray(w) >= 0).all(), f"a weight is {np.min(w) if n else 0}; at least 0 is needed")
-            need(np.asarray(mode).dtype.kind in "iu", f"mode is {np.asarray(mode).dtype}; integers are needed")
-            if n:
-                need(np.allclose(P, np.swapaxes(P, 1, 2)), "a born covariance is not symmetric")
-                need((np.linalg.eigvalsh(P) > -1e-9 * np.abs(P).max()).all(), "a born covariance has a negative eigenvalue")
+    memory, *_ = _begun(case)
+    known = getattr(case.component, "initial", None)
+    for born in [*_proposals(case), *_proposals(case, silent=True), *([] if known is None else [known(memory)])]:
+        _sound(born, d)
+
+
+def _sound(born: Mixture, d: int) -> None:
+    w, m, P, mode = born
+    n = len(w)
+    shapes = [np.shape(a) for a in (w, m, P, mode)]
+    need(shapes == [(n,), (n, d), (n, d, d), (n,)], f"shapes of w, m, P, mode are {shapes} for {d} coordinates")
+    need(all(np.isfinite(a).all() for a in (w, m, P)), "a born component holds NaN or infinity")
+    need((np.asarray(w) >= 0).all(), f"a weight is {np.min(w) if n else 0}; at least 0 is needed")
+    need(np.asarray(mode).dtype.kind in "iu", f"mode is {np.asarray(mode).dtype}; integers are needed")
+    if n:
+        need(np.allclose(P, np.swapaxes(P, 1, 2)), "a born covariance is not symmetric")
+        need((np.linalg.eigvalsh(P) > -1e-9 * np.abs(P).max()).all(), "a born covariance has a negative eigenvalue")
+
+
+@claim("spawn.mixture", _SPAWN)
+def spawn_mixture(case: Case) -> None:
+    """What splits off is w (J,) ≥ 0, m (J, d), P (J, d, d) symmetric and positive semidefinite, mode (J,); nothing splits off nobody."""
+    d = _spawned(case)[0]
+    nobody = Mixture(np.zeros(0), np.zeros((0, d)), np.zeros((0, d, d)), np.zeros(0, np.int64))
+    for born in (_spawned(case)[1], case.component.spawned(nobody)):
+        _sound(born, d)
+    need(len(case.component.spawned(nobody).w) == 0, "components split off an empty mixture")
+
+
+@claim("spawn.mutation", _SPAWN, ["spawn.mixture"])
+def spawn_mutation(case: Case) -> None:
+    """Spawning is a function of the mixture, which it leaves alone: twice gives the same."""
+    need(_alike(_spawned(case)[1], _spawned(case)[1]), "two calls with one mixture give different components")
+
+
+def _spawned(case: Case) -> tuple[int, Mixture]:
+    """The state's dimension, and what splits off a mixture in the first space that fits.
+
+    Raises:
+        Skip: none fits.
+    """
+    reasons: list[str] = []
+    for space in fixtures.SPACES:
+        m, P, mode = fixtures.gaussians(space)
+        for array in (m, P):
+            array.flags.writeable = False
+        try:
+            return len(space), case.component.spawned(Mixture(np.full(len(m), 0.7), m, P, mode))
+        except SetupError as error:
+            reasons.append(str(error))
+    raise unmet(reasons)
 
 
 @claim("birth.seed", _BIRTH, ["birth.runs"])

@@ -4,8 +4,10 @@ Source: Vo & Ma 2006, "The Gaussian mixture probability hypothesis density filte
 2012, eq. 15 to 35 (cubature). Several sensors: the iterated corrector of Mahler 2003, section V-C, one sensor after the
 other in the order of the setup, with reduction between two; its result depends on that order.
 Deviations: the clutter intensity is a density (see the measurement model), not the count that Chen et al. print. A frame
-in which no sensor was searched only predicts, and nothing is born in it: births stand for targets that begin to be
-observed, and would add up to one that nobody observed. Spawning is left out.
+in which no sensor was searched only predicts, and nothing is born or spawned in it: births stand for targets that begin to
+be observed, and would add up to one that nobody observed. The points of a transform are drawn anew from the predicted Gaussian
+before the update (eq. 27), so that they carry the process noise; points kept from the prediction would not, and the gain would
+be too small. The iterated corrector's result depends on the order of its sensors; the exact joint one is smc-phd's.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sonobench.filtering.evidence import searched
-from sonobench.filtering.mixture import cap, extract, merge, predict, union
+from sonobench.filtering.mixture import cap, empty, extract, merge, predict, union
 from sonobench.filtering.phd import Moments, correct
 from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
-from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
+from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, Spawn, State, Transform
 from sonobench.types import Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
 from sonobench_plugins.measurement.tdoa import Tdoa
@@ -45,6 +47,7 @@ class GaussianMixturePhd:
     measurement: Measurement = field(default_factory=Tdoa)  #: what sensors measure of them
     transform: Transform = field(default_factory=Cubature)  #: how moments pass through the measurement
     birth: Birth = field(default_factory=FromDetections)  #: where targets appear
+    spawn: Spawn | None = None  #: where targets split off others; None: nowhere
     p_s: float = 0.99  #: probability that a target survives one period (a scan, where scans have no period)
     update: Update = "iterated"  #: "iterated" over any sensors; "stacked" insists on a single one
     prune_weight: float = 1e-5  #: components at or below are dropped
@@ -74,16 +77,21 @@ class GaussianMixturePhd:
         """
         model = bound(self.motion, self.measurement, setup, self.update, "gm-phd")
         memory = self.birth.start(self.space, setup, model)
+        if self.spawn is not None:
+            self.spawn.spawned(empty(len(self.space)))
         return PhdState(
             time_s=setup.start_s, mixture=initial(self.birth, memory, len(self.space)), memory=memory, measurement=model, setup=setup
         )
 
     def step(self, rng: np.random.Generator, state: PhdState, scan: Scan) -> tuple[PhdState, Estimate]:
-        """Predict, update, prune, merge, cap, extract."""
+        """Predict, give birth, spawn, update, prune, merge, cap, extract."""
         dt_s = elapsed(state.time_s, scan)
         heard = searched(scan, state.measurement.sensors)
         memory = state.memory
-        mixture = predict(state.mixture, self.motion, survival(self.p_s, dt_s, state.setup.period_s), dt_s)
+        moved = predict(state.mixture, self.motion, 1.0, dt_s)
+        mixture = moved._replace(w=moved.w * survival(self.p_s, dt_s, state.setup.period_s))
+        if heard and self.spawn is not None:
+            mixture = union(mixture, self.spawn.spawned(moved))
         if heard and not self.birth.uses_scan:
             memory, born = self.birth.propose(rng, memory, scan, mixture)
             mixture = union(mixture, born)

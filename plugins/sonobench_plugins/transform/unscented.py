@@ -2,7 +2,10 @@
 
 lambda = alpha² (d + kappa) − d; points m and m ± √(d + lambda) · columns of a root of P.
 Source: Julier 2002, "The scaled unscented transformation"; Wan & van der Merwe 2000; Vo & Ma 2006, table IV.
-With alpha = 1, beta = 0, kappa = 0 the central point has no weight and the transform is `Cubature`.
+With alpha = 1 and beta = 0, the defaults, it is the transform of Julier & Uhlmann 2004, "Unscented filtering and nonlinear
+estimation", with their kappa; with kappa = 0 the central point has no weight and the transform is `Cubature`. beta = 2 is the
+choice for a Gaussian and a small alpha. A negative kappa gives the central point a negative weight, and the covariance of
+a strongly bent h may then have a negative eigenvalue, which the update refuses.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ class Unscented:
     """Moments from sigma points."""
 
     alpha: float = 1.0  #: scale of the points' spread
-    beta: float = 2.0  #: weight added to the central point's covariance; 2 suits a Gaussian
+    beta: float = 0.0  #: weight added to the central point's covariance; 2 suits a Gaussian and a small alpha
     kappa: float = 0.0  #: second scale; d + kappa must be above 0
 
     def __post_init__(self) -> None:

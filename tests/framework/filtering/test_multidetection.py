@@ -174,10 +174,17 @@ def test_a_particle_without_weight_has_a_factor():
     np.testing.assert_allclose(solved(w, pg, miss, kappa, cut=0.0).factor, listed(w, pg, miss, kappa), rtol=1e-12)
 
 
+def test_of_more_than_62_rows_the_likeliest_are_kept_and_the_others_counted():
+    w, pg, miss, kappa = numbers(6, 4, 2, 3)
+    unlikely = np.full((4, 2, 70), 1e-9)
+    found = solved(w, np.concatenate([unlikely, pg], axis=2), miss, np.concatenate([np.ones(70), kappa]), cut=0.0, explain=True)
+    assert found.left_out == 11
+    np.testing.assert_allclose(found.factor, listed(w, pg, miss, kappa), rtol=1e-6)
+    assert (found.explained[:, 70:] > 0).all()
+
+
 def test_bad_input_says_what_came_and_what_is_needed():
     w, pg, miss, kappa = numbers(2, 4, 2, 3)
     with pytest.raises(ValueError, match=r"log_kappa \(2,\).*do not fit log_pg \(4, 2, 3\)"):
         solved(w, pg, miss, kappa[:2])
-    with pytest.raises(ValueError, match=r"63 rows.*at most 62"):
-        solved(w, np.ones((4, 2, 63)), miss, np.ones(63))
     assert len(solved(w[:0], pg[:0], miss[:0], kappa).factor) == 0
