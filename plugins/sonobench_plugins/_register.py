@@ -30,7 +30,11 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
             "coordinated-turn": f"{_HERE}.motion.coordinated_turn:CoordinatedTurn",
         },
-        "measurement": {"tdoa": f"{_HERE}.measurement.tdoa:Tdoa", "tdoa-images": f"{_HERE}.measurement.tdoa_images:TdoaImages"},
+        "measurement": {
+            "tdoa": f"{_HERE}.measurement.tdoa:Tdoa",
+            "tdoa-images": f"{_HERE}.measurement.tdoa_images:TdoaImages",
+            "position": f"{_HERE}.measurement.position:Position",
+        },
         "transform": {
             "linearised": f"{_HERE}.transform.linearised:Linearised",
             "unscented": f"{_HERE}.transform.unscented:Unscented",

@@ -52,6 +52,8 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("tracker", {"use": "smc-phd", "update": "joint", "birth": {"use": "room"}, "measurement": {"use": "tdoa", "sensor": "pair"}}),
     ("tracker", {"use": "smc-phd", "birth": {"use": "room"}, "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}),
     ("pipeline", {"front_end": "recorded", "tracker": "smc-phd"}),
+    ("simulator", {"use": "measurements", "layout": "position", "p_d": 0.9, "position_std_m": 0.02, "clutter_per_scan": 1.0}),
+    ("tracker", {"use": "ck-phd", "measurement": "position", "birth": "room"}),
 ]
 
 

@@ -33,6 +33,7 @@ def fault(check: str, words: str, **parameters: Any) -> Any:
 _ROLES = {
     "tracker": good.GoodTracker,
     "front_end": good.GoodFrontEnd,
+    "preprocessor": good.GoodPreprocessor,
     "delay": good.GoodDelay,
     "activity": good.GoodActivity,
     "sound": good.GoodSound,
@@ -249,6 +250,91 @@ class Hasty(good.GoodFrontEnd):
         return super().open(header)
 
 
+# preprocessors
+
+
+@fault("preprocessor.runs", "8000 samples of 4 channels give (7999, 4)")
+class PreprocessorThatForgetsTheLast(good.GoodPreprocessor):
+    def finish(self, state: Any) -> Any:
+        return state[:0]
+
+
+@fault("preprocessor.finite", "give NaN or infinity")
+class PreprocessorThatOverflows(good.GoodPreprocessor):
+    def process(self, state: Any, samples: Any) -> Any:
+        following, out = super().process(state, samples)
+        return following, np.where(np.abs(out) < 1e3, out, np.inf)
+
+
+@fault("preprocessor.repeats", "two runs over the same samples differ")
+class PreprocessorThatCounts(good.GoodPreprocessor):
+    def process(self, state: Any, samples: Any) -> Any:
+        following, out = super().process(state, samples)
+        return following, out * (1 + 1e-9 * next(_calls))
+
+
+@fault("preprocessor.blocks", "the samples differ from sample")
+class PreprocessorOfBlocks(good.GoodPreprocessor):
+    def process(self, state: Any, samples: Any) -> Any:
+        return super().process(state, samples / (1.0 + np.abs(samples).max()))
+
+
+@fault("preprocessor.mutation", "build a new state")
+class PreprocessorThatCollects(good.GoodPreprocessor):
+    def start(self, rate_hz: float, channels: int) -> Any:
+        return [np.zeros((0, channels)), 0]
+
+    def process(self, state: Any, samples: Any) -> Any:
+        state[1] += len(samples)
+        following, out = super().process(state[0], samples)
+        return [following, state[1]], out * (0.5 if state[1] > 8000 else 1.0)
+
+    def finish(self, state: Any) -> Any:
+        return state[0]
+
+
+@fault("preprocessor.state", "its state cannot be pickled")
+class PreprocessorThatCloses(good.GoodPreprocessor):
+    def start(self, rate_hz: float, channels: int) -> Any:
+        return super().start(rate_hz, channels), lambda x: x
+
+    def process(self, state: Any, samples: Any) -> Any:
+        following, out = super().process(state[0], samples)
+        return (following, state[1]), out
+
+    def finish(self, state: Any) -> Any:
+        return state[0]
+
+
+@fault("preprocessor.silence", "zeros give sound")
+class PreprocessorThatDithers(good.GoodPreprocessor):
+    def process(self, state: Any, samples: Any) -> Any:
+        following, out = super().process(state, samples)
+        return following, out + 1e-12
+
+
+@fault("preprocessor.channels", "give all channels one gain")
+class PreprocessorThatClips(good.GoodPreprocessor):
+    def process(self, state: Any, samples: Any) -> Any:
+        return super().process(state, np.clip(samples, -0.15, 0.15))
+
+
+@fault("preprocessor.delays", "5 samples between two channels become 6")
+class PreprocessorThatShifts(good.GoodPreprocessor):
+    """One sample late where a channel begins below zero."""
+
+    def start(self, rate_hz: float, channels: int) -> Any:
+        return np.zeros((1, channels)), None
+
+    def process(self, state: Any, samples: Any) -> Any:
+        late = samples[0] < 0 if state[1] is None else state[1]
+        before = np.concatenate([state[0], samples[:-1]])
+        return (samples[-1:].copy(), late), np.where(late, before, samples)
+
+    def finish(self, state: Any) -> Any:
+        return state[0][:0]
+
+
 # delays
 
 
@@ -425,10 +511,10 @@ class Unnormalised(good.GoodMotion):
 # measurements
 
 
-class _Bound(fixtures.DelayMeasurement):
+class _Bound(fixtures.SensorMeasurement):
     def jacobian(self, x: Any, q: int, pose: Any = None) -> Any:
         step = 1e-6 * np.eye(np.shape(x)[-1])
-        true = fixtures.DelayMeasurement(self.space, self.setup)
+        true = fixtures.SensorMeasurement(self.space, self.setup)
         return np.stack([(true.h(x + s, q) - true.h(x - s, q)) / 2e-6 for s in step], axis=-1)
 
 

@@ -125,6 +125,23 @@ class GoodFrontEnd:
 
 
 @dataclass(frozen=True)
+class GoodPreprocessor:
+    """Half of every sample, one sample late."""
+
+    share: float = 0.5
+
+    def start(self, rate_hz: float, channels: int) -> Any:
+        return np.zeros((0, channels))
+
+    def process(self, state: Any, samples: Any) -> Any:
+        due = np.concatenate([state, self.share * samples])
+        return due[-1:].copy(), due[:-1]
+
+    def finish(self, state: Any) -> Any:
+        return state
+
+
+@dataclass(frozen=True)
 class GoodDelay:
     """PHAT."""
 
@@ -199,7 +216,7 @@ class GoodMeasurement:
         return self.bound(space, setup)
 
     def bound(self, space: Space, setup: Setup) -> Any:
-        return fixtures.DelayMeasurement(space, setup)
+        return fixtures.SensorMeasurement(space, setup)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sonobench.geometry import lift, pair_delays
+from sonobench.geometry import lift, max_delay, pair_delays
 from sonobench.types import Array, Block, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
 
 BOX_M = np.array([[0.0, 0.0, 0.0], [4.0, 3.0, 2.5]])
@@ -21,8 +21,16 @@ C_M_S = 343.0
 PERIOD_S = 0.1
 RATE_HZ = 16000.0
 DELAY_STD_S = 4e-5
+POSITION_STD_M = 0.02
 PAIRS = np.array([[0, 1], [2, 3], [4, 5], [6, 7]])
-NOMINAL = {"p_d": 0.95, "clutter_per_scan": 0.5, "delay_std_s": DELAY_STD_S, "height_m": HEIGHT_M, "count": 2.0}
+NOMINAL = {
+    "p_d": 0.95,
+    "clutter_per_scan": 0.5,
+    "delay_std_s": DELAY_STD_S,
+    "position_std_m": POSITION_STD_M,
+    "height_m": HEIGHT_M,
+    "count": 2.0,
+}
 _ON_WALLS = np.array(
     [[0.05, 1.2], [0.05, 1.8], [3.95, 1.2], [3.95, 1.8], [1.7, 0.05], [2.3, 0.05], [1.7, 2.95], [2.3, 2.95]],
 )
@@ -44,11 +52,12 @@ def microphones(planar: bool = False) -> Array:
 
 
 def sensors(grouping: str, planar: bool = False) -> tuple[Sensor, ...]:
-    """ "pairs": four sensors of one delay; "stack": one of four; "both": the stack and then the pairs."""
+    """ "pairs": four sensors of one delay; "stack": one of four; "both": the stack and then the pairs; "positions": one of x and y."""
     mics = microphones(planar)
     stack = Sensor("stack", "walls", "tdoa", mics, Space(tuple(f"tau{p}_s" for p in range(4))), PAIRS)
     pairs = tuple(Sensor(f"pair-{p}", "walls", "tdoa", mics[ij], Space.of("tau_s"), np.array([[0, 1]])) for p, ij in enumerate(PAIRS))
-    return {"pairs": pairs, "stack": (stack,), "both": (stack, *pairs)}[grouping]
+    floor = Sensor("position", "walls", "position", np.zeros((0, 3)), Space.of("x_m", "y_m"))
+    return {"pairs": pairs, "stack": (stack,), "both": (stack, *pairs), "positions": (floor,)}[grouping]
 
 
 def setup(grouping: str = "pairs", planar: bool = False) -> Setup:
@@ -99,19 +108,34 @@ def regular(k: int, period_s: float = PERIOD_S) -> Array:
 
 
 def scan(setup: Setup, time_s: float, points: Array, rng: np.random.Generator, clutter: int = 1, noise_s: float = DELAY_STD_S / 2) -> Scan:
-    """What every "tdoa" sensor of a setup measures of points (n, 3), and `clutter` false rows a sensor, in no order."""
+    """What every sensor of a setup measures of points (n, 3), and `clutter` false rows a sensor, in no order."""
     groups: dict[int, list[tuple[int, Array]]] = {}
     for q, unit in enumerate(setup.sensors):
-        true = pair_delays(lift(points, HEIGHT_M), unit.elements, unit.pairs, setup.c_m_s)
-        limit = np.linalg.norm(unit.elements[unit.pairs[:, 0]] - unit.elements[unit.pairs[:, 1]], axis=-1) / setup.c_m_s
-        seen = np.clip(true + noise_s * rng.standard_normal(true.shape), -limit, limit)
-        rows = np.concatenate([seen, rng.uniform(-limit, limit, (clutter, len(limit)))])
-        groups.setdefault(len(limit), []).append((q, rng.permutation(rows)))
+        low, high = limits(unit, setup.c_m_s)
+        noise = noise_s if unit.kind == "tdoa" else POSITION_STD_M / 2
+        true = measured_of(points, unit, setup.c_m_s)
+        seen = np.clip(true + noise * rng.standard_normal(true.shape), low, high)
+        rows = np.concatenate([seen, rng.uniform(low, high, (clutter, len(high)))])
+        groups.setdefault(len(high), []).append((q, rng.permutation(rows)))
     detections = tuple(
         Detections(np.concatenate([z for _, z in group]), np.concatenate([np.full(len(z), q) for q, z in group]))
         for group in groups.values()
     )
     return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections)
+
+
+def limits(unit: Sensor, c_m_s: float) -> tuple[Array, Array]:
+    """The lowest and highest (dz,) that a sensor can measure."""
+    if unit.kind == "position":
+        return BOX_M[0, : len(unit.space)], BOX_M[1, : len(unit.space)]
+    high = max_delay(unit.elements, unit.pairs, c_m_s)
+    return -high, high
+
+
+def measured_of(points: Any, unit: Sensor, c_m_s: float) -> Array:
+    """Noise-free measurements (…, dz) of points (…, 2 or 3)."""
+    points = lift(points, HEIGHT_M)
+    return np.asarray(points[..., : len(unit.space)] if unit.kind == "position" else pair_delays(points, unit.elements, unit.pairs, c_m_s))
 
 
 def scans(
@@ -272,8 +296,8 @@ class LinearMeasurement:
 
 
 @dataclass(frozen=True, eq=False)
-class DelayMeasurement:
-    """The delays of a setup's "tdoa" sensors, with a Jacobian by differences: what births are tried with."""
+class SensorMeasurement:
+    """The delays or positions that a setup's sensors measure, with a Jacobian by differences: what births are tried with."""
 
     space: Space
     setup: Setup
@@ -288,7 +312,7 @@ class DelayMeasurement:
         """(…, 1, dz)."""
         unit = self.setup.sensors[q]
         columns = self.space.index(*(n for n in ("x_m", "y_m", "z_m") if n in self.space.names))
-        return pair_delays(lift(np.asarray(x)[..., columns], HEIGHT_M), unit.elements, unit.pairs, self.setup.c_m_s)[..., None, :]
+        return measured_of(np.asarray(x)[..., columns], unit, self.setup.c_m_s)[..., None, :]
 
     def jacobian(self, x: Any, q: int, pose: Any = None) -> Any:
         """(…, 1, dz, d)."""
@@ -303,13 +327,15 @@ class DelayMeasurement:
 
     def R(self, q: int, scan: Any = None) -> Array:
         """Twice the fixture's noise."""
-        return np.eye(len(self.setup.sensors[q].space)) * DELAY_STD_S**2
+        unit = self.setup.sensors[q]
+        return np.eye(len(unit.space)) * (DELAY_STD_S if unit.kind == "tdoa" else POSITION_STD_M) ** 2
 
     def p_d(self, x: Any, q: int, scan: Any = None) -> Any:
         """Nominal."""
         return np.full((*np.shape(x)[:-1], 1), NOMINAL["p_d"])
 
     def log_clutter(self, z: Any, q: int) -> Any:
-        """Uniform over ±2 ms."""
-        dz = np.shape(z)[-1]
-        return np.where(np.all(np.abs(z) < 2e-3, axis=-1), np.log(NOMINAL["clutter_per_scan"]) - dz * np.log(4e-3), -np.inf)
+        """Uniform over what the sensor can measure."""
+        low, high = limits(self.setup.sensors[q], self.setup.c_m_s)
+        inside = np.all((np.asarray(z) >= low) & (np.asarray(z) <= high), axis=-1)
+        return np.where(inside, np.log(NOMINAL["clutter_per_scan"]) - np.log(high - low).sum(), -np.inf)

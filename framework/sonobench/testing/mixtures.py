@@ -80,10 +80,10 @@ def _begun(case: Case) -> tuple[Any, Any, Space, list[Any]]:
         Skip: it takes none.
     """
     reasons: list[str] = []
-    for space, grouping in itertools.product(fixtures.SPACES, ("stack", "pairs")):
+    for space, grouping in itertools.product(fixtures.SPACES, ("stack", "pairs", "positions")):
         setup = fixtures.setup(grouping)
         try:
-            memory = case.component.start(space, setup, fixtures.DelayMeasurement(space, setup))
+            memory = case.component.start(space, setup, fixtures.SensorMeasurement(space, setup))
         except SetupError as error:
             reasons.append(str(error))
             continue

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sonobench.errors import SetupError
-from sonobench.geometry import max_delay
 from sonobench.testing import fixtures
 from sonobench.testing.kit import Case, Skip, claim, need, unmet, untouched
 from sonobench.testing.trackers import refused
@@ -144,7 +143,7 @@ def _bound(case: Case, grouping: str | None = None, nominal: Any = None) -> tupl
         Skip: it takes none.
     """
     reasons: list[str] = []
-    for space, name in itertools.product(fixtures.SPACES, (grouping,) if grouping else ("pairs", "stack", "both")):
+    for space, name in itertools.product(fixtures.SPACES, (grouping,) if grouping else ("pairs", "stack", "both", "positions")):
         setup = fixtures.setup(name)
         setup = setup if nominal is None else dataclasses.replace(setup, nominal={**setup.nominal, **nominal})
         try:
@@ -238,29 +237,32 @@ def measurement_noise(case: Case) -> None:
 @claim("measurement.clutter", _MEASUREMENT, ["measurement.shapes"])
 def measurement_clutter(case: Case) -> None:
     """The clutter intensity integrates to the expected number of false rows, and is 0 far outside."""
-    for grouping in ("pairs", "stack"):
+    for grouping in ("pairs", "stack", "positions"):
         try:
-            bound, _, setup = _bound(case, grouping, {"delay_std_s": 1e-8})
+            bound, _, setup = _bound(case, grouping, {"delay_std_s": 1e-8, "position_std_m": 1e-4})
         except Skip:
             continue  # the grouping that it does take is asked; measurement.shapes held, so there is one
         own = getattr(case.component, "clutter_per_scan", None)
         expected = setup.nominal["clutter_per_scan"] if own is None else own
         for q in bound.sensors:
             unit = setup.sensors[q]
-            if unit.kind != "tdoa":
+            if unit.kind not in ("tdoa", "position"):
                 raise Skip(f"the kit cannot integrate over sensors of kind {unit.kind!r}")
-            limit = 1.25 * max_delay(unit.elements, unit.pairs, setup.c_m_s)
-            while limit.max() < 1 and np.isfinite(bound.log_clutter(np.diag(limit), q)).any():
-                limit = 1.25 * limit  # echoes reach beyond the aperture
-            z = np.random.default_rng(4).uniform(-limit, limit, (60000, len(limit)))
-            density = np.exp(np.asarray(bound.log_clutter(z, q))) * np.prod(2 * limit)
+            low, high = fixtures.limits(unit, setup.c_m_s)
+            middle, reach = (low + high) / 2, 1.25 * (high - low) / 2
+            far = 1.0 if unit.kind == "tdoa" else 100.0
+            while reach.max() < far and np.isfinite(bound.log_clutter(middle + np.diag(reach), q)).any():
+                reach = 1.25 * reach  # echoes reach beyond the aperture
+            z = np.random.default_rng(4).uniform(middle - reach, middle + reach, (60000, len(reach)))
+            density = np.exp(np.asarray(bound.log_clutter(z, q))) * np.prod(2 * reach)
             error = 6 * density.std() / np.sqrt(len(z)) + 0.02 * expected
             need(
                 abs(density.mean() - expected) < error,
                 f"sensor {unit.name}: the clutter intensity integrates to {density.mean():.3g}, {expected:g} a scan is expected",
             )
-            far = np.asarray(bound.log_clutter(np.full((1, len(limit)), 1.0), q))
-            need(np.all(far == -np.inf), f"sensor {unit.name}: log_clutter of a delay of 1 s is {far[0]:.3g}; −inf is needed")
+            there = np.asarray(bound.log_clutter(np.full((1, len(reach)), far), q))
+            what = "a delay of 1 s" if unit.kind == "tdoa" else "a place 100 m away"
+            need(np.all(there == -np.inf), f"sensor {unit.name}: log_clutter of {what} is {there[0]:.3g}; −inf is needed")
 
 
 @claim("measurement.foreign", _MEASUREMENT, ["measurement.runs"])

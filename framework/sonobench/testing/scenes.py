@@ -134,7 +134,7 @@ def _listed(value: Any) -> Any:
 def pipeline_runs(case: Case) -> None:
     """A pipeline goes from a recording to estimates, or ends at its scans."""
     samples = getattr(case.component.front_end, "consumes", "samples") == "samples"
-    recordings: list[Any] = [fixtures.sampled()] if samples else [fixtures.measured(grouping=g) for g in ("pairs", "stack")]
+    recordings: list[Any] = [fixtures.sampled()] if samples else [fixtures.measured(grouping=g) for g in ("pairs", "stack", "positions")]
     reasons: list[str] = []
     for recording in recordings:
         try:

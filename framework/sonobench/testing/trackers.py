@@ -27,7 +27,7 @@ def told(tracker: Any) -> Setup:
         Skip: it takes none.
     """
     refused: list[str] = []
-    for grouping in ("pairs", "stack", "both"):
+    for grouping in ("pairs", "stack", "both", "positions"):
         setup = fixtures.setup(grouping)
         try:
             tracker.init(np.random.default_rng(_SEED), setup)
@@ -259,7 +259,8 @@ def planar(case: Case) -> None:
     """Microphones and talkers in one plane are a setup like any other, for a planar state."""
     if "z_m" in case.component.space.names:
         raise Skip("its space has z_m, which a planar setup does not tell")
-    grouping = "pairs" if len(told(case.component).sensors) == 4 else "stack"
+    taken = told(case.component).sensors
+    grouping = "pairs" if len(taken) == 4 else "stack" if taken[0].kind == "tdoa" else "positions"
     setup = fixtures.setup(grouping, planar=True)
     try:
         estimates = run(case.component, setup, fixtures.scans(setup, fixtures.regular(_FRAMES)))

@@ -101,3 +101,58 @@ def test_the_scene_of_chen_2012_is_the_papers():
     assert (made.header.sensors[0].name, len(made.header.sensors[0].space), made.header.period_s) == ("stack", 4, 0.032)
     np.testing.assert_allclose(max_delay(made.header.sensors[0].elements, made.header.sensors[0].pairs, 343.0), 0.6 / 343.0)
     assert made.header.nominal["clutter_per_scan"] == 7.0
+
+
+def positions(top=None, **parameters):
+    free = {k: v for k, v in MEASURED.items() if k != "room"}
+    simulator = {"use": "measurements", "layout": "position", "p_d": 0.9, "clutter_per_scan": 2.0, "position_std_m": 0.1, **parameters}
+    return scene(overlay({**free, "simulator": None}, {**(top or {}), "simulator": simulator})).simulate(1)
+
+
+def test_positions_without_errors_misses_and_clutter_are_the_truth():
+    made = positions(p_d=1.0, position_std_m=0.0, clutter_per_scan=0.0)
+    assert [(s.name, s.kind, s.space.names) for s in made.header.sensors] == [("position", "position", ("x_m", "y_m"))]
+    for k, scan in enumerate(made.scans):
+        assert sorted(map(tuple, scan.rows(0)[0])) == sorted(map(tuple, made.truth.position[k, made.truth.exists[k], :2]))
+
+
+def test_positions_have_the_stated_errors_misses_and_clutter_over_the_floor():
+    long = {"duration_s": 200.0, "sources": {"anna": {"intervals": [[0.0, 0.05]]}}}
+    made = positions(long, p_d=0.7, clutter_per_scan=0.0, position_std_m=0.2)
+    z = np.concatenate([s.rows(0)[0].reshape(-1, 2) for s in made.scans])
+    assert len(z) / 2000 == pytest.approx(0.7, abs=4 * np.sqrt(0.21 / 2000))
+    np.testing.assert_allclose(z.mean(axis=0), made.truth.position[0, 1, :2], atol=4 * 0.2 / np.sqrt(len(z)))
+    np.testing.assert_allclose(np.cov(z.T), 0.04 * np.eye(2), atol=0.006)
+    false = np.concatenate([s.rows(0)[0].reshape(-1, 2) for s in positions(long, p_d=0.0, clutter_per_scan=5.0).scans])
+    assert len(false) / 2000 == pytest.approx(5.0, abs=4 * np.sqrt(5 / 2000))
+    assert (false >= 0).all()
+    np.testing.assert_allclose(false.mean(axis=0), [2.0, 1.5], atol=0.06)
+    np.testing.assert_allclose(false.max(axis=0), [4.0, 3.0], atol=0.01)
+
+
+def test_what_a_layout_does_not_read_is_refused():
+    for wrong in (
+        {"delay_std_s": 1e-4},
+        {"position_std_m": None},
+        {"region_m": [[0, 0], [1, 0]]},
+        {"region_m": [[0, 0], [1, 1]]},
+    ):
+        with pytest.raises(TableError, match=next(iter(wrong))):
+            positions(**wrong)
+    with pytest.raises(TableError, match="position_std_m: layout 'stacked' does not read it"):
+        simulate(position_std_m=1.0)
+
+
+def test_the_plane_of_liang_2016_is_the_theses():
+    made = Scene.load("liang2016-smc", registry()).simulate(1)
+    truth = made.truth
+    existing = [np.flatnonzero(column) + 1 for column in truth.exists.T]
+    assert [(k[0], k[-1]) for k in existing] == [(2, 40), (2, 30), (11, 50)]
+    for n, k in enumerate(existing):
+        start = np.array([[400, 5, 400, 5], [440, -5, 440, 5], [350, 5, 350, -5.0]])[n]
+        own = truth.position[k - 1, n, :2]
+        np.testing.assert_allclose(own, start[[0, 2]] + start[[1, 3]] * (k - k[0])[:, None], atol=1e-9)
+        assert (own > 100).all()
+        assert (own < 700).all()
+    np.testing.assert_array_equal(made.header.box_m, [[0, 0, 0], [800, 800, 0]])
+    assert made.header.nominal == {"p_d": 0.95, "clutter_per_scan": 10.0, "position_std_m": 5.0}
