@@ -23,6 +23,12 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "srp-peaks": f"{_HERE}.front_end.srp_peaks:SrpPeaks",
             "recorded": f"{_HERE}.front_end.recorded:Recorded",
         },
+        "preprocessor": {
+            "pre-filter": f"{_HERE}.preprocessor.pre_filter:PreFilter",
+            "pre-emphasis": f"{_HERE}.preprocessor.pre_emphasis:PreEmphasis",
+            "normalise": f"{_HERE}.preprocessor.normalise:Normalise",
+            "noise-reduction": f"{_HERE}.preprocessor.noise_reduction:NoiseReduction",
+        },
         "delay": {"phat": f"{_HERE}.delay.phat:Phat"},
         "activity": {"energy": f"{_HERE}.activity.energy:Energy", "always": f"{_HERE}.activity.always:Always"},
         "motion": {
