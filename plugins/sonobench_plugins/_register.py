@@ -30,7 +30,11 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "noise-reduction": f"{_HERE}.preprocessor.noise_reduction:NoiseReduction",
         },
         "delay": {"phat": f"{_HERE}.delay.phat:Phat"},
-        "activity": {"energy": f"{_HERE}.activity.energy:Energy", "always": f"{_HERE}.activity.always:Always"},
+        "activity": {
+            "energy": f"{_HERE}.activity.energy:Energy",
+            "short-time-energy": f"{_HERE}.activity.short_time_energy:ShortTimeEnergy",
+            "always": f"{_HERE}.activity.always:Always",
+        },
         "motion": {
             "langevin": f"{_HERE}.motion.langevin:Langevin",
             "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
@@ -75,6 +79,9 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "pink": f"{_HERE}.sound.noise:Pink",
         },
         "trajectory": {
+            "multitone": f"{_HERE}.sound.tones:Multitone",
+            "harmonic": f"{_HERE}.sound.tones:Harmonic",
+            "speech-noise": f"{_HERE}.sound.speech_noise:SpeechNoise",
             "still": f"{_HERE}.trajectory.still:Still",
             "line": f"{_HERE}.trajectory.line:Line",
             "arc": f"{_HERE}.trajectory.arc:Arc",
@@ -82,6 +89,8 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "wander": f"{_HERE}.trajectory.wander:Wander",
         },
         "simulator": {
+            "langevin-walk": f"{_HERE}.trajectory.langevin_walk:LangevinWalk",
+            "random-walk": f"{_HERE}.trajectory.random_walk:RandomWalk",
             "image-method": f"{_HERE}.simulator.image_method:ImageMethod",
             "measurements": f"{_HERE}.simulator.measurements:Measurements",
             "pyroomacoustics": f"{_HERE}.simulator.pyroomacoustics_rooms:PyroomacousticsRooms",
