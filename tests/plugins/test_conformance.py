@@ -34,12 +34,22 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     },
     ("spawn", "offset"): {"weights": [0.1], "offsets": [[0.1, 0.0, 0.0, 0.0]], "variances": [[0.01, 0.1, 0.01, 0.1]]},
     ("measurement", "tdoa-images"): {"reach_s": 0.02, "sensor": "pair"},
+    ("trajectory", "langevin-walk"): {"seed": 1, "start_m": [1.0, 1.0, 1.2], "low_m": [0.2, 0.2], "high_m": [3.0, 2.8]},
+    ("trajectory", "random-walk"): {"seed": 1, "start_m": [1.0, 1.0, 1.2], "low_m": [0.2, 0.2], "high_m": [3.0, 2.8]},
     ("trajectory", "waypoints"): {"points_m": [[1.0, 1.0, 1.2], [3.0, 1.0, 1.2], [3.0, 2.0, 1.2]], "speed_m_s": 0.5},
 }
 _SPATIAL = {"use": "constant-velocity", "dims": 3}
 #: further configurations of the same components
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("front_end", {"use": "gcc-peaks", "window": "hamming", "memory_s": 0.2, "pairs": "all"}),
+    ("front_end", {"use": "gcc-peaks", "preprocess": ["pre-filter", "noise-reduction", "pre-emphasis"]}),
+    ("front_end", {"use": "srp-peaks", "preprocess": [{"use": "noise-reduction", "rule": "subtraction"}, "normalise"]}),
+    ("front_end", {"use": "gcc-max", "preprocess": [{"use": "pre-filter", "low_hz": 200.0, "high_hz": 6000.0}, "noise-reduction"]}),
+    ("preprocessor", {"use": "pre-filter", "low_hz": 200.0, "high_hz": 3400.0}),
+    ("preprocessor", {"use": "noise-reduction", "rule": "subtraction"}),
+    ("preprocessor", {"use": "normalise", "by": "peak"}),
+    ("activity", {"use": "short-time-energy", "rule": "minimum"}),
+    ("sound", {"use": "harmonic", "vibrato_cents": 50.0}),
     ("motion", {"use": "langevin", "dims": 3}),
     ("motion", {"use": "langevin", "noise": "diagonal"}),
     ("motion", _SPATIAL),
