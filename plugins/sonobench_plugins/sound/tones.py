@@ -47,7 +47,7 @@ class Multitone:
         for f, start in zip(self.frequencies_hz, phase, strict=True):
             samples += np.cos(2.0 * np.pi * f * time_s + start)
         scale = self.rms * math.sqrt(2.0 / len(self.frequencies_hz))
-        return SoundSignal(scale * samples, _band(float(self.frequencies_hz.min()), highest, 0.0, duration_s, rate_hz), _PROVENANCE)
+        return SoundSignal(scale * samples, _band(float(self.frequencies_hz.min()), highest, duration_s, rate_hz), _PROVENANCE)
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,21 @@ class Harmonic:
         for k, amplitude, start in zip(number.tolist(), level, turn[1:], strict=True):
             samples += amplitude * np.cos(2.0 * np.pi * k * cycles + start)
         scale = self.rms * math.sqrt(2.0 / float(np.sum(level**2)))
-        beside = self.vibrato_hz if bend else 0.0  # a wavering tone has side tones one vibrato beyond its highest and lowest
-        band = _band(self.f0_hz / 2.0**bend, count * self.f0_hz * 2.0**bend, beside, duration_s, rate_hz)
+        band = _band(self._reach_hz(1, bend, -1), self._reach_hz(count, bend, 1), duration_s, rate_hz)
         return SoundSignal(scale * samples, band, _PROVENANCE)
 
+    def _reach_hz(self, number: int, bend: float, side: int) -> float:
+        """How far down (side −1) or up (1) an overtone reaches with the side tones of its vibrato."""
+        edge = number * self.f0_hz * 2.0 ** (side * bend)
+        if bend == 0.0:
+            return edge
+        index = abs(edge - number * self.f0_hz) / self.vibrato_hz  # beyond it Bessel functions J_n fall within a few times its cube root
+        return float(edge + side * self.vibrato_hz * (1.0 + 3.0 * index ** (1.0 / 3.0)))
 
-def _band(low_hz: float, high_hz: float, beside_hz: float, duration_s: float, rate_hz: float) -> tuple[float, float]:
+
+def _band(low_hz: float, high_hz: float, duration_s: float, rate_hz: float) -> tuple[float, float]:
     """From the lowest tone to the highest with their main lobes."""
-    margin = beside_hz + _LOBE / duration_s
+    margin = _LOBE / duration_s
     return max(0.0, low_hz - margin), min(high_hz + margin, rate_hz / 2)
 
 
