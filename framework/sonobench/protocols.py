@@ -65,7 +65,18 @@ class Preprocessor(Protocol):
 
 @runtime_checkable
 class Delay(Protocol):
-    """Spectra → generalised cross-correlations."""
+    """Spectra → generalised cross-correlations.
+
+    An estimator that weighs averaged spectra (coherence needs averages: of one periodogram it is 1 everywhere) also has
+
+        segments: int       Welch segments of a frame, half overlapping; 1 is the whole frame
+        memory_s: float     time constant of the average over frames, 0 for none
+        weigh(cross, power, pairs)
+
+    cross (…, P, bin) complex being the averaged S_i conj(S_j), power (…, mic, bin) the averaged |S|²; it returns the weighted
+    cross-spectra (…, P, bin). Front ends then use `weigh` in place of `correlate`, scale each so that the magnitudes average
+    to one over the bins, and transform back; `sonobench.signal.weighed` is the `correlate` that goes with it.
+    """
 
     def correlate(self, spectra: Complexes, pairs: Ints) -> Floats:
         """One-sided spectra (…, mic, bin) of `2 (bin − 1)` samples, pairs (P, 2) → circular correlation (…, P, lag), zero lag first.
@@ -162,6 +173,32 @@ class Measurement(Protocol):
     """What sensors would measure of a state."""
 
     def bind(self, space: Space, setup: Setup) -> BoundMeasurement:
+        """Look up names, sensors and nominal values once; SetupError where something is missing."""
+        ...
+
+
+@runtime_checkable
+class BoundLikelihood(Protocol):
+    """A likelihood of fields that knows the state space and the setup."""
+
+    @property
+    def sensors(self) -> tuple[int, ...]:
+        """The sensors whose fields it reads."""
+        ...
+
+    def log_ratio(self, x: Floats, scan: Scan) -> Array | None:
+        """log p(fields | one target at x) − log p(fields | none) (n,) at any points x (n, d); None where the scan holds no such field.
+
+        InputError where the front end offers other evidence, but not the field that this reads.
+        """
+        ...
+
+
+@runtime_checkable
+class Likelihood(Protocol):
+    """How probable a scan's fields are with a target somewhere, beside nobody anywhere: evidence without detections."""
+
+    def bind(self, space: Space, setup: Setup) -> BoundLikelihood:
         """Look up names, sensors and nominal values once; SetupError where something is missing."""
         ...
 
@@ -340,6 +377,7 @@ ROLES: Mapping[str, type] = {
     "activity": Activity,
     "motion": Motion,
     "measurement": Measurement,
+    "likelihood": Likelihood,
     "transform": Transform,
     "birth": Birth,
     "spawn": Spawn,
@@ -355,9 +393,11 @@ __all__ = [
     "ROLES",
     "Activity",
     "Birth",
+    "BoundLikelihood",
     "BoundMeasurement",
     "Delay",
     "FrontEnd",
+    "Likelihood",
     "Measurement",
     "Metric",
     "Mixture",

@@ -45,6 +45,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "tdoa-images": f"{_HERE}.measurement.tdoa_images:TdoaImages",
             "position": f"{_HERE}.measurement.position:Position",
         },
+        "likelihood": {"tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField"},
         "transform": {
             "linearised": f"{_HERE}.transform.linearised:Linearised",
             "unscented": f"{_HERE}.transform.unscented:Unscented",
@@ -61,6 +62,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gm-phd": f"{_HERE}.tracker.gm_phd:GaussianMixturePhd",
             "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",
             "lmb": f"{_HERE}.tracker.lmb:LabelledMultiBernoulli",
+            "tbd": f"{_HERE}.tracker.tbd:TrackBeforeDetect",
             "nobody": f"{_HERE}.tracker.nobody:Nobody",
             "room-centre": f"{_HERE}.tracker.room_centre:RoomCentre",
             "ek-phd": _gaussian_phd("linearised"),

@@ -9,6 +9,7 @@ from typing import Any
 import kit_good as good
 import numpy as np
 
+from sonobench.errors import SetupError
 from sonobench.pipeline import Pipeline
 from sonobench.protocols import Mixture, Series
 from sonobench.testing import fixtures
@@ -39,6 +40,7 @@ _ROLES = {
     "sound": good.GoodSound,
     "motion": good.GoodMotion,
     "measurement": good.GoodMeasurement,
+    "likelihood": good.GoodLikelihood,
     "transform": good.GoodTransform,
     "birth": good.GoodBirth,
     "metric": good.GoodMetric,
@@ -599,6 +601,76 @@ class Boundless(good.GoodMeasurement):
 class Trusting(good.GoodMeasurement):
     def bind(self, space: Space, setup: Any) -> Any:
         return self.bound(space, setup)
+
+
+# likelihoods
+
+
+class _Summed(good.LikelihoodOfPairs):
+    def ratio(self, values: Any) -> Any:
+        return super().ratio(values).sum(keepdims=True)
+
+
+@fault("likelihood.runs", "states give shape (1,)")
+class LikelihoodOfAll(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Summed(space, setup, sensors, self.scale)
+
+
+class _Flattening(good.LikelihoodOfPairs):
+    def log_ratio(self, x: Any, scan: Any) -> Any:
+        x[:, 1] = 0.0
+        return super().log_ratio(x, scan)
+
+
+@fault("likelihood.mutation", "writes into its arguments")
+class LikelihoodThatStops(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Flattening(space, setup, sensors, self.scale)
+
+
+class _Normalised(good.LikelihoodOfPairs):
+    def ratio(self, values: Any) -> Any:
+        ratio = super().ratio(values)
+        return ratio - 0.5 * ratio.mean() if len(ratio) else ratio
+
+
+@fault("likelihood.batch", "asked alone and among others")
+class LikelihoodOfShares(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Normalised(space, setup, sensors, self.scale)
+
+
+class _Sure(good.LikelihoodOfPairs):
+    def log_ratio(self, x: Any, scan: Any) -> Any:
+        found = super().log_ratio(x, scan)
+        return np.zeros(len(x)) if found is None else found
+
+
+@fault("likelihood.silence", "None is needed")
+class LikelihoodOfSilence(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Sure(space, setup, sensors, self.scale)
+
+
+class _Reversed(good.LikelihoodOfPairs):
+    def ratio(self, values: Any) -> Any:
+        return -super().ratio(values)
+
+
+@fault("likelihood.peak", "above 0 is needed")
+class LikelihoodOfElsewhere(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Reversed(space, setup, sensors, self.scale)
+
+
+@fault("likelihood.foreign", "without naming those it reads")
+class LikelihoodThatFindsNone(good.GoodLikelihood):
+    def bind(self, space: Space, setup: Any) -> Any:
+        pairs = tuple(q for q, s in enumerate(setup.sensors) if s.name.startswith("pair"))
+        if not pairs:
+            raise SetupError(f"no pair among {[s.name for s in setup.sensors]}")
+        return self.bound(space, setup, pairs)
 
 
 # transforms

@@ -220,6 +220,40 @@ class GoodMeasurement:
 
 
 @dataclass(frozen=True)
+class GoodLikelihood:
+    """The correlation at a talker's delays, cubed."""
+
+    scale: float = 20.0
+
+    def bind(self, space: Space, setup: Setup) -> Any:
+        return self.bound(space, setup, tuple(setup.of_kind("tdoa", "good", "pair")))
+
+    def bound(self, space: Space, setup: Setup, sensors: tuple[int, ...]) -> Any:
+        return LikelihoodOfPairs(space, setup, sensors, self.scale)
+
+
+@dataclass(frozen=True)
+class LikelihoodOfPairs:
+    space: Space
+    setup: Setup
+    sensors: tuple[int, ...]
+    scale: float
+
+    def log_ratio(self, x: Any, scan: Scan) -> Any:
+        if "gcc" not in scan.fields:
+            return None
+        points = x[:, self.space.index(*(n for n in ("x_m", "y_m", "z_m") if n in self.space.names))]
+        return self.ratio(np.stack([self.look(points, scan, q) for q in self.sensors], axis=1))
+
+    def look(self, points: Any, scan: Scan, q: int) -> Any:
+        delays = fixtures.measured_of(points, self.setup.sensors[q], self.setup.c_m_s)
+        return scan.fields["gcc"].at(delays[:, None], np.array([q]))[:, 0]
+
+    def ratio(self, values: Any) -> Any:
+        return self.scale * np.sum(values**3, axis=1)
+
+
+@dataclass(frozen=True)
 class GoodTransform:
     """Linearisation."""
 

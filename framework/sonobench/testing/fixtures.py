@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sonobench.geometry import lift, max_delay, pair_delays
-from sonobench.types import Array, Block, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
+from sonobench.types import Array, Block, DelayTable, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
 
 BOX_M = np.array([[0.0, 0.0, 0.0], [4.0, 3.0, 2.5]])
 HEIGHT_M = 1.2
@@ -121,7 +121,20 @@ def scan(setup: Setup, time_s: float, points: Array, rng: np.random.Generator, c
         Detections(np.concatenate([z for _, z in group]), np.concatenate([np.full(len(z), q) for q, z in group]))
         for group in groups.values()
     )
-    return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections)
+    return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections, {"gcc": table(setup, time_s, points)})
+
+
+def table(setup: Setup, time_s: float, points: Array) -> DelayTable:
+    """A correlation a single pair: a peak two samples wide of height .4 at the delay of each point (n, 3), in noise of deviation .03; else zeros."""
+    step_s, reach_s = 0.25 / RATE_HZ, 2.5e-3
+    lags = step_s * np.arange(round(2 * reach_s / step_s) + 1) - reach_s
+    values = np.zeros((len(setup.sensors), len(lags)), np.float32)
+    for q, unit in enumerate(setup.sensors):
+        if unit.kind == "tdoa" and len(unit.space) == 1:
+            own = np.random.default_rng([q, round(1e6 * time_s)])
+            off = np.abs(lags - measured_of(points, unit, setup.c_m_s)) * RATE_HZ
+            values[q] = 0.4 * np.maximum(1.0 - off, 0.0).sum(axis=0) + 0.03 * own.standard_normal(len(lags))
+    return DelayTable(values, -reach_s, step_s)
 
 
 def limits(unit: Sensor, c_m_s: float) -> tuple[Array, Array]:

@@ -1,0 +1,98 @@
+"""What likelihoods of fields must do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sonobench.errors import SetupError
+from sonobench.testing import fixtures
+from sonobench.testing.kit import Case, claim, need, unmet, untouched
+from sonobench.testing.trackers import refused
+from sonobench.types import Scan, Setup, Space
+
+_LIKELIHOOD = ("likelihood",)
+
+
+def _bound(case: Case) -> tuple[Any, Space, Setup]:
+    """The likelihood bound to the first space and setup that it takes."""
+    errors: list[str] = []
+    for grouping in ("pairs", "stack", "both", "positions"):
+        for space in fixtures.SPACES:
+            setup = fixtures.setup(grouping)
+            try:
+                return case.component.bind(space, setup), space, setup
+            except SetupError as error:
+                errors.append(str(error))
+    raise unmet(errors)
+
+
+def _states(space: Space) -> np.ndarray:
+    return fixtures.gaussians(space)[0]
+
+
+def _scan(setup: Setup) -> Scan:
+    return fixtures.scans(setup, fixtures.regular(1))[0]
+
+
+@claim("likelihood.runs", _LIKELIHOOD)
+def runs(case: Case) -> None:
+    """States (n, d) give n log ratios that are finite or −inf, also for no state at all."""
+    bound, space, setup = _bound(case)
+    x = _states(space)
+    for n in (len(x), 0):
+        found = bound.log_ratio(x[:n], _scan(setup))
+        need(np.shape(found) == (n,), f"{n} states give shape {np.shape(found)}; ({n},) is needed")
+        need(not (np.isnan(found).any() or np.isposinf(found).any()), "a log ratio is NaN or +infinity")
+
+
+@claim("likelihood.mutation", _LIKELIHOOD, ["likelihood.runs"])
+def mutation(case: Case) -> None:
+    """States are left as they came."""
+    bound, space, setup = _bound(case)
+    untouched(lambda x: bound.log_ratio(x, _scan(setup)), _states(space))
+
+
+@claim("likelihood.batch", _LIKELIHOOD, ["likelihood.mutation"])
+def batch(case: Case) -> None:
+    """A state's ratio depends on the state and the scan, not on the states beside it."""
+    bound, space, setup = _bound(case)
+    x, scan = _states(space), _scan(setup)
+    whole = np.asarray(bound.log_ratio(x, scan))
+    alone = np.concatenate([bound.log_ratio(x[j : j + 1], scan) for j in range(len(x))])
+    need(np.allclose(whole, alone, rtol=1e-9, atol=1e-12), "a state asked alone and among others has different ratios")
+
+
+@claim("likelihood.silence", _LIKELIHOOD, ["likelihood.runs"])
+def silence(case: Case) -> None:
+    """A scan that searched nothing and holds no field says nothing: None."""
+    bound, space, setup = _bound(case)
+    found = bound.log_ratio(_states(space), fixtures.silent(setup, 0.1, False))
+    need(found is None, f"a silent scan gives {type(found).__name__}; None is needed, or a tracker takes silence for evidence")
+
+
+@claim("likelihood.peak", _LIKELIHOOD, ["likelihood.batch"])
+def peak(case: Case) -> None:
+    """One talker alone: where he is, is likelier than 200 places elsewhere are on average, and likelier than nobody."""
+    bound, space, setup = _bound(case)
+    talker = fixtures.talkers(np.zeros(1))[0, :1]
+    scan = fixtures.scan(setup, 0.1, talker, np.random.default_rng(1), 0)
+    rng = np.random.default_rng(2)
+    axes = [n for n in ("x_m", "y_m", "z_m") if n in space.names]
+    x = np.zeros((201, len(space)))
+    x[:, space.index(*axes)] = rng.uniform(0.1, 0.9, (201, len(axes))) * fixtures.BOX_M[1, : len(axes)]
+    x[0, space.index(*axes)] = talker[0, : len(axes)]
+    found = np.asarray(bound.log_ratio(x, scan))
+    need(found[0] > 0, f"the talker's own place has the log ratio {found[0]:.3g}; above 0 is needed")
+    need(
+        found[0] > np.mean(found[1:]),
+        f"the talker's own place has the log ratio {found[0]:.3g}, others {np.mean(found[1:]):.3g} on average",
+    )
+
+
+@claim("likelihood.foreign", _LIKELIHOOD, ["likelihood.runs"])
+def foreign(case: Case) -> None:
+    """A setup without the sensors that it reads is refused at bind by a SetupError that names both sides."""
+    _, space, setup = _bound(case)
+    refused(lambda strange: case.component.bind(space, strange), "bind", setup)
