@@ -29,7 +29,16 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "normalise": f"{_HERE}.preprocessor.normalise:Normalise",
             "noise-reduction": f"{_HERE}.preprocessor.noise_reduction:NoiseReduction",
         },
-        "delay": {"phat": f"{_HERE}.delay.phat:Phat"},
+        "delay": {
+            "cc": f"{_HERE}.delay.cc:Cc",
+            "roth": f"{_HERE}.delay.roth:Roth",
+            "scot": f"{_HERE}.delay.scot:Scot",
+            "phat": f"{_HERE}.delay.phat:Phat",
+            "ht": f"{_HERE}.delay.ht:Ht",
+            "rho-phat": f"{_HERE}.delay.rho_phat:RhoPhat",
+            "iphat": f"{_HERE}.delay.iphat:Iphat",
+            "subtracted-phat": f"{_HERE}.delay.subtracted_phat:SubtractedPhat",
+        },
         "activity": {
             "energy": f"{_HERE}.activity.energy:Energy",
             "short-time-energy": f"{_HERE}.activity.short_time_energy:ShortTimeEnergy",
@@ -79,20 +88,20 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "clip": f"{_HERE}.sound.clip:Clip",
             "white": f"{_HERE}.sound.noise:White",
             "pink": f"{_HERE}.sound.noise:Pink",
-        },
-        "trajectory": {
             "multitone": f"{_HERE}.sound.tones:Multitone",
             "harmonic": f"{_HERE}.sound.tones:Harmonic",
             "speech-noise": f"{_HERE}.sound.speech_noise:SpeechNoise",
+        },
+        "trajectory": {
             "still": f"{_HERE}.trajectory.still:Still",
             "line": f"{_HERE}.trajectory.line:Line",
             "arc": f"{_HERE}.trajectory.arc:Arc",
             "waypoints": f"{_HERE}.trajectory.waypoints:Waypoints",
             "wander": f"{_HERE}.trajectory.wander:Wander",
-        },
-        "simulator": {
             "langevin-walk": f"{_HERE}.trajectory.langevin_walk:LangevinWalk",
             "random-walk": f"{_HERE}.trajectory.random_walk:RandomWalk",
+        },
+        "simulator": {
             "image-method": f"{_HERE}.simulator.image_method:ImageMethod",
             "measurements": f"{_HERE}.simulator.measurements:Measurements",
             "pyroomacoustics": f"{_HERE}.simulator.pyroomacoustics_rooms:PyroomacousticsRooms",

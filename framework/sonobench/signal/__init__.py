@@ -1,6 +1,7 @@
 """Framing, correlation, peaks and steered power: signal maths that front ends share, bundled or not."""
 
-from sonobench.signal.correlation import TablePlan, cross_spectra, plan_tables, whitened
+from sonobench.signal.coherence import coherence, phases, raised, snr_exponent
+from sonobench.signal.correlation import TablePlan, correlations, cross_spectra, plan_tables, weighed, whitened
 from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push, window
 from sonobench.signal.peaks import local_maxima, pick, refine
 from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor, widened
@@ -21,6 +22,8 @@ __all__ = [
     "TableStream",
     "Tail",
     "WindowName",
+    "coherence",
+    "correlations",
     "cross_spectra",
     "drain",
     "empty_tail",
@@ -31,13 +34,17 @@ __all__ = [
     "open_search",
     "open_stream",
     "pair_sensors",
+    "phases",
     "pick",
     "plan_tables",
     "push",
+    "raised",
     "refine",
     "rig",
+    "snr_exponent",
     "stack_sensor",
     "steered_power",
+    "weighed",
     "whitened",
     "widened",
     "window",

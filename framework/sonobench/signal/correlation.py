@@ -48,6 +48,22 @@ def cross_spectra(spectra: Complexes, pairs: Ints) -> Complexes:
     return out.reshape(*spectra.shape[:-2], len(pairs), bins)
 
 
+def weighed(estimator: Any, spectra: Complexes, pairs: Ints) -> Floats:
+    """Correlations (…, P, lag) of an estimator that weighs averages, of one periodogram (…, mic, bin): its `correlate`."""
+    power = spectra.real**2 + spectra.imag**2
+    return correlations(estimator.weigh(cross_spectra(spectra, pairs), power, pairs))
+
+
+def correlations(weighted: Complexes) -> Floats:
+    """Circular correlations (…, lag) of weighted cross-spectra (…, bin), scaled so that a lone delay's peak is that of the phase transform."""
+    from scipy.fft import irfft
+
+    magnitude = np.abs(weighted)
+    mean = magnitude.sum(axis=-1, keepdims=True) / np.maximum(np.count_nonzero(magnitude, axis=-1)[..., None], 1)
+    correlation: Floats = irfft(np.divide(weighted, mean, out=np.zeros_like(weighted), where=mean > 0), overwrite_x=True)
+    return correlation
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TablePlan:
     """Everything about delay tables that does not depend on the samples.
@@ -82,14 +98,40 @@ class TablePlan:
 
     def spectra(self, frames: Floats) -> Complexes:
         """Band-limited one-sided spectra (f, mic, bins) complex64 of frames (f, n, mic)."""
+        return self._spectra(frames, self.window)
+
+    def _spectra(self, frames: Floats, shape: NDArray[np.float32]) -> Complexes:
         from scipy.fft import rfft
 
         f, n, mics = frames.shape
         padded = np.zeros((f, mics, self.fft_length), np.float32)
-        np.multiply(frames.swapaxes(1, 2), self.window, out=padded[..., :n])
+        np.multiply(frames.swapaxes(1, 2), shape, out=padded[..., :n])
         out = np.zeros((f, mics, self.bins), np.complex64)
         low, high = self.band
         out[..., low:high] = rfft(padded, overwrite_x=True)[..., low:high]
+        return out
+
+    def welch(self, frames: Floats, segments: int) -> tuple[Complexes, Floats]:
+        """Averages over half-overlapping segments of each frame: cross-spectra (f, P, bins), power (f, mic, bins).
+
+        Source: Welch 1967; the window is the plan's, at the segments' length.
+        """
+        n = frames.shape[1]
+        length = 2 * n // (segments + 1)
+        shape = np.interp(np.linspace(0, n - 1, length), np.arange(n), self.window).astype(np.float32)
+        cross: Any = 0.0
+        power: Any = 0.0
+        for k in range(segments):
+            begin = k * (n - length) // max(segments - 1, 1)
+            spectra = self._spectra(frames[:, begin : begin + length], shape)
+            cross = cross + cross_spectra(spectra, self.pairs)
+            power = power + (spectra.real**2 + spectra.imag**2)
+        return cross / segments, power / segments
+
+    def weighted_tables(self, weighted: Complexes) -> NDArray[np.float32]:
+        """Delay tables (f, P, columns) of weighted cross-spectra (f, P, bins)."""
+        out = np.empty((*weighted.shape[:2], self.columns), np.float32)
+        self._interpolate(correlations(weighted), out)
         return out
 
     def tables(self, delay: Delay, spectra: Complexes) -> NDArray[np.float32]:
@@ -105,8 +147,6 @@ class TablePlan:
         return out
 
     def _correlate(self, delay: Delay, spectra: Complexes, out: NDArray[np.float32]) -> None:
-        from sonobench.signal._kernels import interpolate
-
         lags = 2 * (self.bins - 1)
         circular: Any = np.asarray(delay.correlate(spectra, self.pairs))
         shape = (len(spectra), len(self.pairs), lags)
@@ -115,6 +155,12 @@ class TablePlan:
                 f"delay estimator {type(delay).__name__} gave {circular.dtype} of shape {circular.shape} for spectra {spectra.shape}; "
                 f"real correlations (frame, pair, lag) of shape {shape} are needed"
             )
+        self._interpolate(circular, out)
+
+    def _interpolate(self, circular: Any, out: NDArray[np.float32]) -> None:
+        from sonobench.signal._kernels import interpolate
+
+        lags = 2 * (self.bins - 1)
         scale: Any = np.float32(lags / (2.0 * (self.band[1] - self.band[0])))
         interpolate(
             np.ascontiguousarray(circular, np.float32).reshape(-1, lags), self.reach, self.taps, scale, out.reshape(-1, self.columns)

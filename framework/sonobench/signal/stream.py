@@ -35,13 +35,17 @@ class TableFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamState:
-    """Memory of a stream: each array's preprocessors, waiting samples, the activity's own, sums (P, lags) and weights (P,) of past tables."""
+    """Memory of a stream: each array's preprocessors, waiting samples, the activity's own, sums (P, lags) and weights (P,) of past tables.
+
+    `spectra` holds the decayed sums of cross-spectra (P, bins) and power (mic, bins) for estimators that average them, else None.
+    """
 
     chains: tuple[ChainState, ...]
     tail: Tail
     activity: State
     total: Array
     weight: Array
+    spectra: tuple[Any, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +57,7 @@ class TableStream:
         delay, activity: the front end's components.
         keep: share of the past that one hop leaves, in [0, 1).
         preprocess: what samples go through first, one after another.
+        keep_spectra: the same share for the spectra of an estimator that averages them.
     """
 
     framing: Framing
@@ -61,6 +66,7 @@ class TableStream:
     activity: Activity
     keep: float
     preprocess: tuple[Preprocessor, ...] = ()
+    keep_spectra: float = 0.0
 
     def start(self) -> StreamState:
         """State before the first block."""
@@ -107,7 +113,7 @@ class TableStream:
         alive = mean_square(group.samples) > 0.0
         heard = active[:, None] & alive[:, self.plan.pairs[:, 0]] & alive[:, self.plan.pairs[:, 1]]
         voiced = np.flatnonzero(active)
-        tables = self._correlated(group, voiced, heard[voiced]) if len(voiced) else None
+        tables, spectra = self._correlated(group, voiced, heard[voiced], state.spectra) if len(voiced) else (None, state.spectra)
         total, weight, out = state.total, state.weight, []
         row: Iterator[Any] = iter(() if tables is None else tables)
         for f in range(len(active)):
@@ -115,12 +121,14 @@ class TableStream:
             if self.keep > 0.0:
                 total, weight, values = self._averaged(total, weight, values, heard[f])
             out.append(TableFrame(self.framing.time_s(group.first + f), values, heard[f]))
-        return replace(state, activity=memory, total=total, weight=weight), out
+        return replace(state, activity=memory, total=total, weight=weight, spectra=spectra), out
 
-    def _correlated(self, group: Frames, voiced: Any, heard: Bools) -> NDArray[np.float32]:
-        spectra = self.plan.spectra(group.samples[voiced])
+    def _correlated(self, group: Frames, voiced: Any, heard: Bools, past: Any) -> tuple[NDArray[np.float32], Any]:
         with np.errstate(invalid="ignore", divide="ignore"):  # 0 / 0 of a dead microphone, which is masked below
-            tables = self.plan.tables(self.delay, spectra)
+            if hasattr(self.delay, "weigh"):
+                tables, past = self._weighed(group.samples[voiced], past)
+            else:
+                tables = self.plan.tables(self.delay, self.plan.spectra(group.samples[voiced]))
         tables = np.where(heard[..., None], tables, np.float32(0.0))
         if not np.isfinite(tables).all():
             f, p, _ = np.argwhere(~np.isfinite(tables))[0]
@@ -128,7 +136,25 @@ class TableStream:
                 f"delay estimator {type(self.delay).__name__} gave NaN or infinity for pair {p} "
                 f"at {self.framing.time_s(group.first + voiced[f]):.3f} s although both microphones have sound; guard its division"
             )
-        return tables
+        return tables, past
+
+    def _weighed(self, frames: Any, past: Any) -> tuple[NDArray[np.float32], Any]:
+        """Tables of an estimator that weighs averaged spectra; the average decays from voiced frame to voiced frame."""
+        delay: Any = self.delay
+        cross, power = self.plan.welch(frames, delay.segments)
+        if self.keep_spectra > 0.0:
+            cross, power = cross.copy(), power.copy()
+            for f in range(len(frames)):
+                if past is not None:
+                    cross[f] = self.keep_spectra * past[0] + (1.0 - self.keep_spectra) * cross[f]
+                    power[f] = self.keep_spectra * past[1] + (1.0 - self.keep_spectra) * power[f]
+                past = cross[f], power[f]
+        weighted = np.asarray(delay.weigh(cross, power, self.plan.pairs))
+        if weighted.shape != cross.shape:
+            raise PluginError(
+                f"delay estimator {type(delay).__name__}: weigh gave shape {weighted.shape}; that of the cross-spectra, {cross.shape}, is needed"
+            )
+        return self.plan.weighted_tables(weighted.astype(np.complex64, copy=False)), past
 
     def _averaged(self, total: Array, weight: Array, values: Any, heard: Bools) -> tuple[Array, Array, Any]:
         total, weight = total * self.keep, weight * self.keep
@@ -167,4 +193,25 @@ def open_stream(
     band_hz = passed_hz(parts[2], header.band_hz, unit.rate_hz)
     plan = plan_tables(unit.pairs, unit.rate_hz, name, cutting.length, float(unit.max_delay_s.max()), band_hz, oversampling)
     keep = float(np.exp(-cutting.hop / cutting.rate_hz / memory_s)) if memory_s > 0.0 else 0.0
-    return TableStream(cutting, plan, parts[0], parts[1], keep, parts[2])
+    return TableStream(cutting, plan, parts[0], parts[1], keep, parts[2], _keep_spectra(parts[0], cutting, plan))
+
+
+def _keep_spectra(delay: Any, cutting: Framing, plan: TablePlan) -> float:
+    """Share of the averaged spectra that one hop leaves.
+
+    Raises:
+        SetupError: segments are too short for the delays, or the averages' parameters make no sense.
+    """
+    if not hasattr(delay, "weigh"):
+        return 0.0
+    who = f"delay estimator {type(delay).__name__}"
+    if delay.segments < 1 or delay.memory_s < 0:
+        raise SetupError(f"{who}: segments is {delay.segments} and memory_s {delay.memory_s}; at least 1 and 0 are needed")
+    length_s = 2 * cutting.length // (delay.segments + 1) / cutting.rate_hz
+    reach_s = -plan.start_s
+    if 2 * reach_s > length_s:
+        raise SetupError(
+            f"{who}: {delay.segments} segments of a frame of {cutting.length / cutting.rate_hz:.4g} s have {length_s:.4g} s each, too short for "
+            f"delays up to {reach_s:.4g} s; raise frame_s or lower segments"
+        )
+    return float(np.exp(-cutting.hop / cutting.rate_hz / delay.memory_s)) if delay.memory_s > 0.0 else 0.0
