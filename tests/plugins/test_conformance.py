@@ -61,9 +61,18 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("tracker", {"use": "smc-phd", "birth": {"use": "room"}}),
     ("tracker", {"use": "smc-phd", "update": "joint", "birth": {"use": "room"}, "measurement": {"use": "tdoa", "sensor": "pair"}}),
     ("tracker", {"use": "smc-phd", "birth": {"use": "room"}, "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}),
+    ("tracker", {"use": "tbd", "motion": _SPATIAL}),
+    (
+        "tracker",
+        {"use": "tbd", "likelihood": {"use": "tdoa-field", "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}},
+    ),
+    ("likelihood", {"use": "tdoa-field", "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}, "resolution_s": 1e-4}),
     ("pipeline", {"front_end": "recorded", "tracker": "smc-phd"}),
     ("simulator", {"use": "measurements", "layout": "position", "p_d": 0.9, "position_std_m": 0.02, "clutter_per_scan": 1.0}),
     ("tracker", {"use": "ck-phd", "measurement": "position", "birth": "room"}),
+    ("tracker", {"use": "smc-phd", "extraction": "labels", "resampling": "residual"}),
+    ("tracker", {"use": "smc-phd", "extraction": "k-means", "resampling": "stratified", "birth": {"use": "room"}}),
+    ("tracker", {"use": "smc-phd", "measurement": "position", "birth": "room", "extraction": "labels"}),
 ]
 
 
