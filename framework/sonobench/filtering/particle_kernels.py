@@ -1,4 +1,4 @@
-"""The loops of `phd.reweigh` and `particles.balls`, over particles × rows and candidates × particles."""
+"""The loops of `phd.reweigh`, `particles.places` and `particles.k_means`, over particles × rows, candidates or centres."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import math
 import numpy as np
 from numba import njit, types
 
-from sonobench.types import Array
+from sonobench.types import Array, Ints
 
 _A1, _A2 = (types.Array(types.float64, n, "C", readonly=True) for n in (1, 2))
 _W1, _W2 = (types.Array(types.float64, n, "C") for n in (1, 2))
+_I1 = types.Array(types.int64, 1, "C")
+_LLOYD = 100
 
 #: e^−60 of a sum's largest term changes no bit of it, were there a billion of such terms
 _FAINT = -60.0
@@ -68,3 +70,68 @@ def masses(x: Array, w: Array, centres: Array, square: float, out: Array) -> Non
                 distance[c] += (x[j, k] - centres[k, c]) ** 2
         for c in range(len(out)):
             out[c] += w[j] if distance[c] <= square else 0.0
+
+
+@njit(cache=True)
+def _lloyd(x: Array, w: Array, centre: Array, of: Ints) -> float:
+    """Move the centres (n, k) to their clusters' means until no particle changes its cluster; the weighted sum of squares."""
+    N, dims = x.shape
+    n = len(centre)
+    cost = 0.0
+    for _ in range(_LLOYD):
+        changed, cost = False, 0.0
+        mass, total = np.zeros(n), np.zeros((n, dims))
+        for j in range(N):
+            least, own = np.inf, 0
+            for c in range(n):
+                square = 0.0
+                for k in range(dims):
+                    square += (x[j, k] - centre[c, k]) ** 2
+                if square < least:
+                    least, own = square, c
+            changed |= own != of[j]
+            of[j] = own
+            cost += w[j] * least
+            mass[own] += w[j]
+            for k in range(dims):
+                total[own, k] += w[j] * x[j, k]
+        if not changed:
+            break
+        for c in range(n):
+            if mass[c] > 0.0:
+                for k in range(dims):
+                    centre[c, k] = total[c, k] / mass[c]
+    return cost
+
+
+@njit(types.void(_A2, _A1, _W2, _I1), cache=True)
+def k_means(x: Array, w: Array, draws: Array, best: Ints) -> None:
+    """The cluster (N,) of each particle x (N, k) of weight (N,), from the starts that draws (starts, n) of uniform numbers choose."""
+    N, dims = x.shape
+    n = draws.shape[1]
+    centre, of, near, least = np.empty((n, dims)), np.empty(N, np.int64), np.empty(N), np.inf
+    for start in range(len(draws)):
+        near[:] = 1.0  # the first seed is drawn by weight alone
+        for c in range(n):
+            total = 0.0
+            for j in range(N):
+                total += w[j] * near[j]
+            left, pick = draws[start, c] * total, 0
+            for j in range(N):
+                if w[j] * near[j] > 0.0:
+                    pick = j
+                    left -= w[j] * near[j]
+                    if left < 0.0:
+                        break
+            for k in range(dims):
+                centre[c, k] = x[pick, k]
+            for j in range(N):
+                square = 0.0
+                for k in range(dims):
+                    square += (x[j, k] - centre[c, k]) ** 2
+                near[j] = square if c == 0 else min(near[j], square)
+        of[:] = -1
+        cost = _lloyd(x, w, centre, of)
+        if cost < least:
+            least = cost
+            best[:] = of

@@ -61,11 +61,41 @@ def test_mass_is_kept_by_resampling_and_decays_in_silence():
 
 
 @pytest.mark.parametrize(
-    "values", [{"birth": BIRTHS}, {"birth": FromDetections()}, {"birth": BIRTHS, "extraction": "measurement"}], ids=str
+    "values",
+    [
+        {"birth": BIRTHS},
+        {"birth": FromDetections()},
+        {"birth": BIRTHS, "extraction": "measurement"},
+        {"birth": BIRTHS, "extraction": "labels"},
+    ],
+    ids=str,
 )
 def test_three_talkers_are_tracked_through_seven_false_rows_a_scan(values):
     estimates = scenes.run(ParticlePhd(**values), scenes.setup(), scenes.scans(np.random.default_rng(2)))
     assert scenes.mean_ospa(estimates) < 0.4
+
+
+def test_extraction_changes_what_is_reported_and_nothing_else():
+    """Section 5.2.2 of Liang 2016: weights and particles do not know of labels."""
+    frames = scenes.scans(np.random.default_rng(5))[:12]
+    counts = {
+        e: [r.count for r in scenes.run(ParticlePhd(birth=BIRTHS, extraction=e), scenes.setup(), frames)] for e in ("balls", "labels")
+    }
+    assert counts["balls"] == counts["labels"]
+
+
+def test_a_talker_keeps_its_label_and_no_label_comes_twice():
+    estimates = scenes.run(ParticlePhd(birth=BIRTHS, extraction="labels"), scenes.setup(), scenes.scans(np.random.default_rng(2)))
+    last: dict[int, int] = {}
+    for k, e in enumerate(estimates):
+        assert len(set(e.labels)) == len(e.labels)
+        for label in e.labels:
+            assert k - last.get(int(label), k) < 30  # who was gone for long comes back as another
+            last[int(label)] = k
+    seen = np.concatenate([e.labels for e in estimates])
+    names, times = np.unique(seen, return_counts=True)
+    assert np.sort(times)[-3:].sum() > 0.7 * len(seen)  # paths cross, and Langevin velocities tell little
+    assert len(names) < 12
 
 
 def test_same_seed_same_bits_whatever_the_order_of_rows():
@@ -79,12 +109,14 @@ def test_same_seed_same_bits_whatever_the_order_of_rows():
     assert not all(identical(x, y) for x, y in zip(a, c, strict=True))
 
 
-def test_neither_state_nor_scan_is_changed():
-    tracker, rng = ParticlePhd(birth=BIRTHS), np.random.default_rng(0)
+@pytest.mark.parametrize("extraction", ["balls", "measurement", "k-means", "labels"])
+def test_neither_state_nor_scan_is_changed(extraction):
+    tracker, rng = ParticlePhd(birth=BIRTHS, extraction=extraction), np.random.default_rng(0)
     state = tracker.init(rng, scenes.setup())
     for frame in scenes.scans(np.random.default_rng(4))[:5]:
         for array in state.cloud:
-            array.flags.writeable = False
+            if array is not None:
+                array.flags.writeable = False
         before = pickle.dumps((state, frame))
         after, _ = tracker.step(rng, state, frame)
         assert pickle.dumps((state, frame)) == before
@@ -124,7 +156,9 @@ def test_what_does_not_fit_is_refused_at_init_by_name(tracker, where, says):
         tracker.init(np.random.default_rng(0), where)
 
 
-@pytest.mark.parametrize("values", [{"p_s": -0.1}, {"extraction": "k-means"}, {"particles": 0}, {"extract_weight": 0.0}])
+@pytest.mark.parametrize(
+    "values", [{"p_s": -0.1}, {"extraction": "clusters"}, {"resampling": "multinomial"}, {"particles": 0}, {"extract_weight": 0.0}]
+)
 def test_impossible_parameters_are_refused(values):
     with pytest.raises(ValueError):
         ParticlePhd(**values)
