@@ -307,10 +307,11 @@ class Series:
 class Metric(Protocol):
     """Truth against estimates (or scans) → columns. Optional class attribute `reads`: "estimates" (default) or "scans"."""
 
-    def evaluate(self, truth: Truth, output: Sequence[Any], space: Space | None) -> Mapping[str, Series]:
+    def evaluate(self, truth: Truth, output: Sequence[Any], space: Any) -> Mapping[str, Series]:
         """Columns by name: "" is the metric itself, "missed" becomes `gospa.missed`.
 
-        `output` is the list of Estimates in `space` (or Scans, with space None); an empty list is a failed trial.
+        `output` is the list of Estimates in the Space `space`, or of Scans of the Setup `space`; an empty list is a failed
+        trial, whose space may be None.
         """
         ...
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from sonobench.errors import InputError, SetupError
 from sonobench.protocols import Metric, Series
-from sonobench.types import Array, Bools, Estimate, Space, Truth
+from sonobench.types import Array, Bools, Estimate, Setup, Space, Truth
 
 Targets = Literal["exists", "active"]
 
@@ -136,7 +136,7 @@ def truth_coordinates(truth: Truth) -> Mapping[str, Array]:
     return known
 
 
-def score(metric: Metric, truth: Truth, output: Sequence[Any], space: Space | None, name: str | None = None) -> list[ScoreRow]:
+def score(metric: Metric, truth: Truth, output: Sequence[Any], space: Space | Setup | None, name: str | None = None) -> list[ScoreRow]:
     """Evaluate a metric on one trial and pool its values over the trial's frames.
 
     Where a column speaks of only a share of the target time (coverage < 1) and has a `worst`, the rest counts as
@@ -146,7 +146,7 @@ def score(metric: Metric, truth: Truth, output: Sequence[Any], space: Space | No
         metric: the component.
         truth: the recording's truth.
         output: Estimates in `space`, or Scans for a metric that reads scans; [] is a failed trial.
-        space: the tracker's coordinates; None for scans, and where the pipeline never came to have one.
+        space: the tracker's coordinates, or the scans' setup; None where the pipeline never came to have one.
         name: what the rows are called; by default the metric's class name ("PositionError" is position-error).
 
     Raises:

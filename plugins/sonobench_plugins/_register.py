@@ -83,6 +83,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gospa": f"{_HERE}.metric.gospa:Gospa",
             "cardinality": f"{_HERE}.metric.cardinality:Cardinality",
             "position-error": f"{_HERE}.metric.position_error:PositionError",
+            "delay-error": f"{_HERE}.metric.delay_error:DelayError",
         },
         "sound": {
             "clip": f"{_HERE}.sound.clip:Clip",

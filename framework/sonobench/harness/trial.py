@@ -141,7 +141,7 @@ def score(task: Task) -> dict[str, Any]:
 
     truth, registry = _recording(task["recording"]).truth, _registry(task)
     done: dict[str, Any] = {}
-    outputs: dict[str, tuple[Sequence[Any], Space | None]] = {}  # metrics read the same
+    outputs: dict[str, tuple[Sequence[Any], Space | Setup | None]] = {}  # metrics read the same
     for item in task["metrics"]:
         try:
             metric = build("metric", item["table"], registry, item["label"])
@@ -247,8 +247,8 @@ def _first_scans(pipeline: Pipeline, recording: Recording) -> None:
         state, _ready = front_end.step(state, item)
 
 
-def _output(task: Task, reads: str) -> tuple[Sequence[Any], Space | None]:
-    """What a metric reads of a trial: estimates and their space, or scans."""
+def _output(task: Task, reads: str) -> tuple[Sequence[Any], Space | Setup | None]:
+    """What a metric reads of a trial: estimates and their space, or scans and their setup."""
     from sonobench.log import read_estimates, read_scans
 
     tracker = _pipeline(task).tracker if task["available"] else None
@@ -260,9 +260,10 @@ def _output(task: Task, reads: str) -> tuple[Sequence[Any], Space | None]:
         estimates, space = read_estimates(Path(task["output"]))[:2]
         return estimates, space
     if tracker is None:
-        return read_scans(Path(task["output"]))[1], None
+        setup, found = read_scans(Path(task["output"]))
+        return found, setup
     made = _stored_scans(task) or _make_scans(task, _pipeline(task), _recording(task["recording"]))
-    return made.scans, None
+    return made.scans, made.setup
 
 
 def _warm(step: str, pipeline: Mapping[str, Any], first: Callable[[], Any]) -> None:

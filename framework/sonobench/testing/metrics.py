@@ -35,7 +35,7 @@ def _nobody(truth: Truth) -> list[Estimate]:
 
 def _evaluate(case: Case, truth: Truth, output: Sequence[Any]) -> Mapping[str, Series]:
     if getattr(case.component, "reads", "estimates") == "scans":
-        return dict(case.component.evaluate(truth, _scans(truth) if output else [], None))
+        return dict(case.component.evaluate(truth, _scans(truth) if output else [], fixtures.setup("pairs") if output else None))
     return dict(case.component.evaluate(truth, output, _SPACE))
 
 

@@ -1,0 +1,117 @@
+"""Errors of the delays that a front end finds: of each pair's strongest row against the nearest true delay of a sounding source.
+
+Source: Liang 2016, eq. 3-11 (the mean error) and 3-12 (the root of the mean square), whose names are swapped there; gross errors
+as in Ianniello 1982, "Time delay estimation via cross-correlation in the presence of large estimation errors".
+The strongest row is that of the highest score; where rows have no scores, each counts. A frame whose microphones were
+searched and gave no row is missed; frames without voice activity, and without a sounding source, count nowhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from sonobench.errors import InputError, SetupError
+from sonobench.geometry import sensor_delays
+from sonobench.protocols import Series
+from sonobench.types import Array, DelayTable, Floats, Scan, Setup, Truth
+
+
+class _Seen(NamedTuple):
+    """Of one pair in one frame: error of the strongest row (NaN: no row), and peak over the highest sidelobe (NaN: no table)."""
+
+    error_s: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class DelayError:
+    """Root mean square error, bias, share of gross errors, error of the others, missed frames, peak to sidelobe ratio."""
+
+    reads: ClassVar[str] = "scans"
+    gross_s: float = 2e-4  #: an error above is gross: another peak, not this one's error
+    lobe_s: float = 5e-4  #: half the width of the peak that is no sidelobe
+
+    def __post_init__(self) -> None:
+        if not (0 < self.gross_s < math.inf and 0 < self.lobe_s < math.inf):
+            raise InputError(f"delay-error: gross_s is {self.gross_s} and lobe_s {self.lobe_s}; above 0 is needed")
+
+    def evaluate(self, truth: Truth, output: Sequence[Scan], space: Setup | None) -> Mapping[str, Series]:
+        """Columns "" (rms, s), "bias", "gross", "inlier" (rms of what is not gross), "missed", "sidelobe" (peak over sidelobe)."""
+        seen = [] if space is None else list(self._seen(truth, output, space))
+        error = np.array([s.error_s for s in seen])
+        found = ~np.isnan(error)
+        near = found & (np.abs(error) <= self.gross_s)
+        ratio = np.array([s.ratio for s in seen])
+        tabled = ~np.isnan(ratio)
+        share = float(found.mean()) if len(found) else 0.0
+
+        def series(values: Array, counts: Array, unit: str, pool: str, **more: object) -> Series:
+            return Series(np.where(counts, values, 0.0), counts.astype(float), unit, pool=pool, **more)  # type: ignore[arg-type]
+
+        return {
+            "": series(error, found, "s", "rms", coverage=share),
+            "bias": series(error, found, "s", "mean", coverage=share),
+            "gross": series((np.abs(error) > self.gross_s).astype(float), found, "1", "rate", coverage=share),
+            "inlier": series(error, near, "s", "rms", coverage=float(near.mean()) if len(near) else 0.0),
+            "missed": series((~found).astype(float), np.ones(len(found), bool), "1", "rate", worst=1.0, coverage=float(len(found) > 0)),
+            "sidelobe": series(ratio, tabled, "1", "mean", better="higher", coverage=float(tabled.mean()) if len(tabled) else 0.0),
+        }
+
+    def _seen(self, truth: Truth, scans: Sequence[Scan], setup: Setup) -> Iterator[_Seen]:
+        pairs = [q for q, unit in enumerate(setup.sensors) if unit.kind == "tdoa" and len(unit.space) == 1]
+        if not pairs:
+            raise SetupError(f"metric delay-error reads sensors of one microphone pair each; there are {[u.name for u in setup.sensors]}")
+        for scan in scans:
+            points = _sounding(truth, scan.time_s)
+            if not len(points):
+                continue
+            for q in pairs:
+                if scan.searched[q]:
+                    true = sensor_delays(points, setup, q)[:, 0]
+                    ratio = self._ratio(scan.fields.get("gcc"), q)
+                    for found_s in _reported(scan, q) or [math.nan]:
+                        yield _Seen(_error(found_s, true), ratio)
+
+    def _ratio(self, table: object, q: int) -> float:
+        if not isinstance(table, DelayTable):
+            return math.nan
+        values = table.values[q].astype(float)
+        top = int(values.argmax())
+        lobe = math.ceil(self.lobe_s / table.step_s)
+        beside = np.concatenate([values[: max(top - lobe, 0)], values[top + lobe + 1 :]])
+        return float(values[top] / beside.max()) if len(beside) and beside.max() > 0 else math.nan
+
+
+def _sounding(truth: Truth, time_s: float) -> Array:
+    """Places (n, 3) of the sources that sound at the truth's evaluation time nearest to `time_s`, moved on to it."""
+    k = int(np.argmin(np.abs(truth.time_s - time_s)))
+    if truth.valid is not None and not truth.valid[k]:
+        return np.zeros((0, 3))
+    who = np.flatnonzero(truth.active[k])
+    track = truth.position[:, who]
+    return (
+        np.stack([[np.interp(time_s, truth.time_s, track[:, i, axis]) for axis in range(3)] for i in range(len(who))]).reshape(-1, 3)
+        if len(who)
+        else np.zeros((0, 3))
+    )
+
+
+def _reported(scan: Scan, q: int) -> list[float]:
+    """The delay of a pair's row of the highest score; all of them where they have none."""
+    for group in scan.detections:
+        own = np.flatnonzero(group.sensor == q)
+        if len(own):
+            best = own if group.score is None else own[[np.argmax(group.score[own])]]
+            return [float(z) for z in group.z[best, 0]]
+    return []
+
+
+def _error(found_s: float, true_s: Floats) -> float:
+    """Signed distance to the nearest true delay."""
+    off = found_s - true_s
+    return float(off[np.argmin(np.abs(off))]) if math.isfinite(found_s) else math.nan
