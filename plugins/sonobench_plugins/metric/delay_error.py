@@ -3,7 +3,8 @@
 Source: Liang 2016, eq. 3-11 (the mean error) and 3-12 (the root of the mean square), whose names are swapped there; gross errors
 as in Ianniello 1982, "Time delay estimation via cross-correlation in the presence of large estimation errors".
 The strongest row is that of the highest score; where rows have no scores, each counts. A frame whose microphones were
-searched and gave no row is missed; frames without voice activity, and without a sounding source, count nowhere.
+searched and gave no row is missed, a gross error, and counts as one of the widest pair's whole range; frames without voice
+activity, and without a sounding source, count nowhere.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from sonobench.errors import InputError, SetupError
-from sonobench.geometry import sensor_delays
+from sonobench.geometry import max_delay, sensor_delays
 from sonobench.protocols import Series
 from sonobench.types import Array, DelayTable, Floats, Scan, Setup, Truth
 
@@ -49,14 +50,15 @@ class DelayError:
         ratio = np.array([s.ratio for s in seen])
         tabled = ~np.isnan(ratio)
         share = float(found.mean()) if len(found) else 0.0
+        aperture_s = None if space is None else 2 * max(float(max_delay(u.elements, u.pairs, space.c_m_s).max()) for u in space.sensors)
 
         def series(values: Array, counts: Array, unit: str, pool: str, **more: object) -> Series:
             return Series(np.where(counts, values, 0.0), counts.astype(float), unit, pool=pool, **more)  # type: ignore[arg-type]
 
         return {
-            "": series(error, found, "s", "rms", coverage=share),
+            "": series(error, found, "s", "rms", coverage=share, worst=aperture_s),
             "bias": series(error, found, "s", "mean", coverage=share),
-            "gross": series((np.abs(error) > self.gross_s).astype(float), found, "1", "rate", coverage=share),
+            "gross": series((np.abs(error) > self.gross_s).astype(float), found, "1", "rate", coverage=share, worst=1.0),
             "inlier": series(error, near, "s", "rms", coverage=float(near.mean()) if len(near) else 0.0),
             "missed": series((~found).astype(float), np.ones(len(found), bool), "1", "rate", worst=1.0, coverage=float(len(found) > 0)),
             "sidelobe": series(ratio, tabled, "1", "mean", better="higher", coverage=float(tabled.mean()) if len(tabled) else 0.0),
