@@ -17,7 +17,7 @@ import numpy as np
 
 from sonobench.errors import InputError, SetupError
 from sonobench.protocols import Metric, Series
-from sonobench.types import Array, Bools, Estimate, Setup, Space, Truth
+from sonobench.types import Array, Bools, Estimate, Ints, Setup, Space, Truth
 
 Targets = Literal["exists", "active"]
 
@@ -28,12 +28,17 @@ _UNITS = (("_m_s2", "m/s²"), ("_m_s", "m/s"), ("_rad_s", "rad/s"), ("_rad", "ra
 
 
 class Frame(NamedTuple):
-    """Both sides at one valid evaluation time: truth (n, d), active (n,) bool, estimates (m, d)."""
+    """Both sides at one valid evaluation time: truth (n, d), active (n,) bool, estimates (m, d), and whose rows they are.
+
+    truth_labels (n,); labels (m,), None where the tracker gives none.
+    """
 
     time_s: float
     truth: Array
     active: Bools
     estimates: Array
+    truth_labels: Ints
+    labels: Ints | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,12 +116,13 @@ def aligned(
     table = np.array([known[name] for name in common.names]).reshape(len(common), *truth.exists.shape)
     columns = [] if space is None else space.index(*common.names)
     rows = [np.asarray(e.states[:, columns]) for e in estimates]
-    nobody = np.zeros((0, len(common)))
+    nobody, nameless = np.zeros((0, len(common))), None if any(e.labels is None for e in estimates) else np.zeros(0, np.int64)
     counted = truth.exists if targets == "exists" else truth.active
     frames = []
     for k, held in _held(truth, [e.time_s for e in estimates], hold_s):
         here = counted[k]
-        frames.append(Frame(float(truth.time_s[k]), table[:, k, here].T, truth.active[k, here], nobody if held < 0 else rows[held]))
+        found, labels = (nobody, nameless) if held < 0 else (rows[held], estimates[held].labels)
+        frames.append(Frame(float(truth.time_s[k]), table[:, k, here].T, truth.active[k, here], found, truth.label[here], labels))
     return Aligned(common, tuple(frames))
 
 

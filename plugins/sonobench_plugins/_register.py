@@ -65,6 +65,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "given": f"{_HERE}.birth.given:Given",
             "room": f"{_HERE}.birth.room:Room",
             "from-detections": f"{_HERE}.birth.from_detections:FromDetections",
+            "from-positions": f"{_HERE}.birth.from_positions:FromPositions",
         },
         "spawn": {"offset": f"{_HERE}.spawn.offset:Offset"},
         "tracker": {
@@ -83,6 +84,8 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gospa": f"{_HERE}.metric.gospa:Gospa",
             "cardinality": f"{_HERE}.metric.cardinality:Cardinality",
             "position-error": f"{_HERE}.metric.position_error:PositionError",
+            "ospa2": f"{_HERE}.metric.ospa2:Ospa2",
+            "label-switches": f"{_HERE}.metric.label_switches:LabelSwitches",
             "delay-error": f"{_HERE}.metric.delay_error:DelayError",
         },
         "sound": {
