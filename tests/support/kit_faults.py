@@ -43,6 +43,7 @@ _ROLES = {
     "likelihood": good.GoodLikelihood,
     "transform": good.GoodTransform,
     "birth": good.GoodBirth,
+    "spawn": good.GoodSpawn,
     "metric": good.GoodMetric,
     "trajectory": good.GoodTrajectory,
     "simulator": good.GoodSimulator,
@@ -707,6 +708,22 @@ class Loose(good.GoodTransform):
     def measure(self, m: Any, P: Any, measurement: Any, q: int, pose: Any = None) -> Any:
         z, S, C = super().measure(m, P, measurement, q)
         return z, 1.1 * S, C
+
+
+# spawning
+
+
+@fault("spawn.mixture", "a weight is -0.0")
+class NegativeSpawn(good.GoodSpawn):
+    def spawned(self, moved: Any) -> Any:
+        return super().spawned(moved)._replace(w=-0.1 * moved.w)
+
+
+@fault("spawn.mutation", "two calls with one mixture")
+class UnseededSpawn(good.GoodSpawn):
+    def spawned(self, moved: Any) -> Any:
+        found = super().spawned(moved)
+        return found._replace(m=found.m + _unseeded.standard_normal(found.m.shape))
 
 
 # births

@@ -285,6 +285,16 @@ class GoodBirth:
 
 
 @dataclass(frozen=True)
+class GoodSpawn:
+    """One component at the place of each, as wide again."""
+
+    weight: float = 0.1
+
+    def spawned(self, moved: Mixture) -> Mixture:
+        return Mixture(self.weight * moved.w, moved.m, 2 * moved.P, moved.mode)
+
+
+@dataclass(frozen=True)
 class GoodMetric:
     """Mean nearest distance, both ways, cut at 1 m; 1 m where one side is empty."""
 
