@@ -30,8 +30,8 @@ from sonobench.types import Array, Bools, Floats, Ints, Scan, Setup
 
 MOST_ROWS = 62  # a set of rows is the bits of one integer
 DENSE_ROWS = 18  # of a group for which all subsets are cheaper than a table of those reached
-_COARSER = 10.0
-_VALUES = 1 << 25  # likelihoods of sets that are held: half a gigabyte
+_COARSER, _COARSEST = 100.0, 1.0
+_VALUES, _SETS = 1 << 21, 1 << 15  # likelihoods of particles' sets that are held, and sets
 
 
 class Factors(NamedTuple):
@@ -44,7 +44,8 @@ class Factors(NamedTuple):
             that these add up to more than `factor`), where it was asked for; else (N, 0).
         sets: how many sets W took part.
         cut: the cut that was used; above the one asked for where the scan was too ambiguous.
-        left_out: rows beyond the 62 likeliest to be a target's, which were taken for clutter.
+        left_out: rows that were taken for clutter, since not even the coarsest cut could do with all: those least likely a
+            target's. More than 62 are never updated jointly.
     """
 
     factor: Array
@@ -102,7 +103,7 @@ def factors(
     log_miss: Floats,
     log_kappa: Floats,
     cut: float = 1e-6,
-    most_states: int = 1 << 21,
+    most_work: int = 1 << 24,
     explain: bool = False,
 ) -> Factors:
     """Update factors of particles.
@@ -114,12 +115,12 @@ def factors(
         log_kappa: (m,) log clutter intensity at the rows.
         cut: alternatives that are less probable than this share of the one without them are left out: a particle's use of a row
             beside leaving it to clutter, and a set's joint origin beside separate ones. 0 is exact.
-        most_states: subsets of the scan that Z may visit in one group of rows that hang together; where that does not
-            do, the cut is raised tenfold until it does, which the answer says.
+        most_work: steps of the recursion for Z in one group of rows that hang together (16 million take some .1 s); where that does
+            not do, the cut is raised a hundredfold up to 1, then the less likely half of the rows is left out; the answer says both.
         explain: work out `explained`.
 
     Raises:
-        ValueError: shapes that do not fit, or numbers beyond float64 or memory.
+        ValueError: shapes that do not fit, or numbers beyond float64.
     """
     log_w, log_pg, log_miss, log_kappa = (np.asarray(a, np.float64) for a in (log_w, log_pg, log_miss, log_kappa))
     if log_pg.ndim != 3 or log_w.shape != log_pg.shape[:1] or log_miss.shape != log_pg.shape[:2] or log_kappa.shape != log_pg.shape[2:]:
@@ -131,11 +132,15 @@ def factors(
     a, kappa, used = _scaled(log_w, log_pg, log_kappa, q, cut)
     if n == 0 or len(used) == 0:
         return Factors(missed, missed, explained, 0, cut)
-    left_out = max(len(used) - MOST_ROWS, 0)
-    if left_out:
-        kept = np.sort(np.argsort(kappa, kind="stable")[:MOST_ROWS])  # scaled: the share of clutter in a row's intensity
-        a, kappa, used = np.ascontiguousarray(a[:, :, kept]), kappa[kept], used[kept]
-    factor, own, sets, cut = _solve(np.exp(log_w), a, q, kappa, cut, most_states, explain)
+    likeliest, room, w = np.argsort(kappa, kind="stable"), min(len(used), MOST_ROWS), np.exp(log_w)  # scaled: the share of clutter
+    while True:
+        kept = np.sort(likeliest[:room])
+        solved = _solve(w, np.ascontiguousarray(a[:, :, kept]), q, kappa[kept], cut, most_work, explain)
+        if solved is not None:
+            break
+        room = room // 2
+    factor, own, sets, cut = solved
+    left_out, used = len(used) - room, used[kept]
     if not np.isfinite(factor).all():
         raise ValueError("particles' weights spread over too many decades for float64; resample, or drop the lightest")
     if explain:
@@ -164,25 +169,27 @@ def _scaled(log_w: Array, log_pg: Array, log_kappa: Array, q: Array, cut: float)
     return np.ascontiguousarray(a[:, :, used]), kappa[used], used
 
 
-def _solve(w: Array, a: Array, q: Array, kappa: Array, cut: float, most_states: int, explain: bool) -> tuple[Array, Array, int, float]:
+def _solve(w: Array, a: Array, q: Array, kappa: Array, cut: float, most_work: int, explain: bool) -> tuple[Array, Array, int, float] | None:
+    """factor, explained, number of sets and the cut used; None where not even the coarsest does."""
     from sonobench.filtering import multidetection_kernels as kernels
 
     others = np.stack([np.delete(q, l, axis=1).prod(axis=1) for l in range(q.shape[1])], axis=1)
     alone = kappa + np.einsum("nlm,nl->m", a, w[:, None] * others)
+    last = a.shape[2] == 1
     while True:
-        starts, which, value, masks, tau = kernels.likelihoods(w, a, q, alone, min(cut, 1.0), _VALUES)
-        if len(starts) == 0 and cut >= 1:
-            raise ValueError(f"{a.shape[2]} rows that {len(w)} particles may cause in more than {_VALUES} ways; keep the strongest rows")
+        starts, which, value, masks, tau = kernels.likelihoods(w, a, q, alone, cut, max(_VALUES, 16 * len(w)), _SETS)
         if len(starts):
-            ratio, sets = _ratios(masks, tau, kappa, cut, most_states)
+            ratio, sets = _ratios(masks, tau, kappa, cut, most_work)
             if sets:
                 factor, explained = kernels.summed(starts, which, value, masks, ratio, len(kappa) if explain else 0)
                 return factor, explained, sets, cut
-        cut = max(cut * _COARSER, 1e-9)
+        if cut >= _COARSEST and not last:
+            return None
+        cut = min(max(cut * _COARSER, 1e-8), _COARSEST)
 
 
-def _ratios(masks: Ints, tau: Array, kappa: Array, cut: float, most_states: int) -> tuple[Array, int]:
-    """Z(S∖W) / Z(S) of each set (1 for the empty one, 0 for those left out), and how many took part; 0 if that took too many states."""
+def _ratios(masks: Ints, tau: Array, kappa: Array, cut: float, most_work: int) -> tuple[Array, int]:
+    """Z(S∖W) / Z(S) of each set (1 for the empty one, 0 for those left out), and how many took part; 0 if that took too much work."""
     from sonobench.filtering import multidetection_kernels as kernels
 
     m = len(kappa)
@@ -207,12 +214,8 @@ def _ratios(masks: Ints, tau: Array, kappa: Array, cut: float, most_states: int)
         extra = [k for k, z in enumerate(group) if z in lone]
         local = np.concatenate([(own << np.arange(len(group))).sum(axis=1), [1 << k for k in extra]]).astype(np.int64)
         weight = np.concatenate([d[mine], kappa[group[extra]]])
-        dense = len(group) <= DENSE_ROWS and 1 << len(group) <= most_states
-        found = (
-            kernels.partitions_dense(local, weight, len(group))
-            if dense
-            else kernels.partitions_sparse(local, weight, len(group), most_states)
-        )
+        solve = kernels.partitions_dense if len(group) <= DENSE_ROWS else kernels.partitions_sparse
+        found = solve(local, weight, len(group), most_work)
         if len(found) == 0:
             return ratio, 0
         ratio[mine] = found[: len(mine)]

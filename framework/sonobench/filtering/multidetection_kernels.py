@@ -20,7 +20,7 @@ def _longer(array, count, least):
 
 
 @njit(cache=True)
-def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: int) -> tuple[Ints, Ints, Array, Ints, Array]:
+def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: int, most_sets: int) -> tuple[Ints, Ints, Array, Ints, Array]:
     """L_W(x) of every particle and set that counts, by a programme over modes.
 
     Args:
@@ -28,11 +28,11 @@ def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: in
         alone: (m,) weight of each row as a set of its own.
         cut: least handicap. A choice that is less probable than to miss and have the row alone has the quotient as handicap,
             that of an entry is the product of its choices': so much it can weigh beside an entry that stays.
-        most: values that may be held.
+        most, most_sets: values and sets that may be held.
 
     Returns:
         starts (N + 1,), and of each value its set's number and the value; masks (K,) of the sets, and tau (K,) their sum over
-        particles. starts is empty where `most` did not do.
+        particles. starts is empty where these did not do.
     """
     n, modes, m = a.shape
     starts, total = np.zeros(n + 1, np.int64), 0
@@ -55,9 +55,9 @@ def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: in
                     bit[c], chosen[c] = np.int64(1) << z, a[i, l, z]
                     odds[c] = 1.0 if a[i, l, z] >= other else a[i, l, z] / other
                     c += 1
+            if held * (c + 1) > most:
+                return np.zeros(0, np.int64), which, value, masks, tau
             if held * (c + 1) > room:
-                if held > most:
-                    return np.zeros(0, np.int64), which, value, masks, tau
                 room = 2 * held * (c + 1)
                 old_s, old_v, old_h = _longer(old_s, held, room), _longer(old_v, held, room), _longer(old_h, held, room)
                 new_s, new_v, new_h = np.empty(len(old_s), np.int64), np.empty(len(old_s)), np.empty(len(old_s))
@@ -95,6 +95,8 @@ def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: in
             if total + held > most:
                 return np.zeros(0, np.int64), which, value, masks, tau
             which, value = _longer(which, total, total + held), _longer(value, total, total + held)
+        if sets > most_sets:
+            return np.zeros(0, np.int64), which, value, masks, tau
         if sets + held > len(masks):
             masks, tau = _longer(masks, sets, sets + held), _longer(tau, sets, sets + held)
         if m > _DIRECT and 2 * (sets + held) > len(number):
@@ -149,8 +151,8 @@ def _by_lowest(masks, n):
 
 
 @njit(cache=True)
-def partitions_dense(masks: Ints, d: Array, n: int) -> Array:
-    """Z(S∖W) / Z(S) of sets W (K,) of weight d (K,) of n ≤ 20 rows.
+def partitions_dense(masks: Ints, d: Array, n: int, most: int) -> Array:
+    """Z(S∖W) / Z(S) of sets W (K,) of weight d (K,) of n ≤ 20 rows; empty where that takes more than `most` steps.
 
     Forward, A(T) collects the weight of all ways to take S down to T; backward, Z(T) that of all ways to partition T.
     The ratio is then Σ_T A(T) Z(T∖W) / Z(S) over those T of which W takes the lowest row: dZ(S)/dd_W.
@@ -159,7 +161,7 @@ def partitions_dense(masks: Ints, d: Array, n: int) -> Array:
     weight, number = np.zeros(1 << n), np.full(1 << n, -1, np.int64)
     for k in range(len(masks)):
         weight[masks[k]], number[masks[k]] = d[k], k
-    A, Z, ratio = np.zeros(1 << n), np.zeros(1 << n), np.zeros(len(masks))
+    A, Z, ratio, work = np.zeros(1 << n), np.zeros(1 << n), np.zeros(len(masks)), 0
     A[(1 << n) - 1], Z[0] = 1.0, 1.0
     for back in range(2):
         for step in range(n):
@@ -174,6 +176,9 @@ def partitions_dense(masks: Ints, d: Array, n: int) -> Array:
                     rest &= rest - 1
                     size += 1
                 listed = own < (1 << size)  # through the row's sets, or through all subsets of T that hold it
+                work += min(own, 1 << size)
+                if work > most:
+                    return np.zeros(0)
                 rest = T ^ low
                 j, sub = 0, rest
                 while True:
@@ -203,10 +208,10 @@ def partitions_dense(masks: Ints, d: Array, n: int) -> Array:
 
 @njit(cache=True)
 def partitions_sparse(masks: Ints, d: Array, n: int, most: int) -> Array:
-    """The same for up to 62 rows, over the subsets that can be reached; empty where these are more than `most`."""
+    """The same for up to 62 rows, over the subsets that can be reached."""
     order, first = _by_lowest(masks, n)
     keys, A, after = np.zeros(1 << 10, np.int64), np.zeros(1 << 10), np.full(1 << 10, -1, np.int64)
-    bits, count = 11, 2
+    bits, count, work = 11, 2, 0
     keys[1], A[1] = (np.int64(1) << n) - 1, 1.0  # beside the empty set, number 0
     table = np.full(1 << bits, -1, np.int64)
     for k in range(count):
@@ -216,14 +221,15 @@ def partitions_sparse(masks: Ints, d: Array, n: int, most: int) -> Array:
     for b in range(n):
         state = head[b]
         while state >= 0:
+            work += 2 * (first[b + 1] - first[b])
+            if work > most:
+                return np.zeros(0)
             for j in range(first[b], first[b + 1]):
                 if masks[order[j]] & ~keys[state]:
                     continue
                 left = keys[state] ^ masks[order[j]]
                 h = _free(left, keys, table, bits)
                 if table[h] < 0:
-                    if count == most:
-                        return np.zeros(0)
                     if count == len(keys):
                         keys, A, after = _longer(keys, count, 0), _longer(A, count, 0), _longer(after, count, 0)
                     table[h], keys[count], A[count] = count, left, 0.0
