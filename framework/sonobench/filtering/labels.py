@@ -100,11 +100,10 @@ def _merge(states: Array, x: Array, w: Array, label: Ints, radius: float) -> Non
 def _alike(states: Array, w: Array, a: Bools, b: Bools) -> bool:
     """Whether the means of two clouds differ by no more than they are spread: a squared Mahalanobis distance of at most d."""
     (m, P), (n, Q) = (gathered(states[own], w[own]) for own in (a, b))
-    d = len(m)
     spread = P + Q
-    off = (m - n) / np.sqrt(np.diag(spread) + np.finfo(float).tiny)
-    scaled = spread / np.sqrt(np.outer(np.diag(spread), np.diag(spread)) + np.finfo(float).tiny)
-    return bool(off @ np.linalg.solve(scaled + 1e-6 * np.eye(d), off) <= d)
+    std = np.sqrt(np.maximum(np.diag(spread), 1e-12 * (m**2 + n**2) + np.finfo(float).tiny))  # of a single particle there is none
+    off, scaled = (m - n) / std, spread / np.outer(std, std)
+    return bool(off @ np.linalg.solve(scaled + 1e-6 * np.eye(len(m)), off) <= len(m))
 
 
 def _summed(x: Array, w: Array, label: Ints) -> tuple[Ints, Array, Array]:

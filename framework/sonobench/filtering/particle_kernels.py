@@ -58,6 +58,16 @@ def add_logs(log: Array, more: Array) -> None:
         log[j] = top + math.log(total)
 
 
+@njit(types.void(_A2, _W1), cache=True)
+def row_totals(log: Array, out: Array) -> None:
+    """Add Σ exp(log) over the particles (N, m) to each row's number (m,)."""
+    N, m = log.shape
+    for j in range(N):
+        for z in range(m):
+            if log[j, z] > _FAINT:
+                out[z] += math.exp(log[j, z])
+
+
 @njit(types.void(_A2, _A1, _A2, types.float64, _W1), cache=True)
 def masses(x: Array, w: Array, centres: Array, square: float, out: Array) -> None:
     """Weight (n,) of the particles x (N, k), w (N,) whose squared distance to each of the centres (k, n) is at most `square`."""

@@ -114,10 +114,10 @@ def k_means(rng: np.random.Generator, x: Array, w: Array, n: int) -> Ints:
 
 def shared(cloud: Cloud, log_shares: Array, weight: float) -> Mixture:
     """Targets as the rows of a scan whose shares (N, m) of the particles' weights sum to more than `weight`."""
-    shares = np.exp(log_shares)
-    total = shares.sum(axis=0)
+    total = np.zeros(log_shares.shape[1])
+    particle_kernels().row_totals(np.ascontiguousarray(log_shares, float), total)
     order = [z for z in np.argsort(-total, kind="stable") if total[z] > weight]
-    return _listed([(total[z], *gathered(cloud.x, shares[:, z])) for z in order], cloud.x.shape[1])
+    return _listed([(total[z], *gathered(cloud.x, np.exp(log_shares[:, z]))) for z in order], cloud.x.shape[1])
 
 
 def labelled(cloud: Cloud, weight: float) -> tuple[Mixture, Ints]:

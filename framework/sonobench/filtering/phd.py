@@ -101,13 +101,18 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     with np.errstate(divide="ignore"):
         log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
     for which, valid in patterns(rows):
-        noise = (measurement.R(q, scan) if rows.R is None else rows.R[which])[..., valid, :][..., valid]
-        residual = measurement.residual(rows.z[which], z_hat[:, None, :], q)[..., valid]  # (N, m, dz)
+        noise = measurement.R(q, scan) if rows.R is None else rows.R[which]
+        residual = measurement.residual(rows.z[which], z_hat[:, None, :], q)  # (N, m, dz)
+        if not valid.all():
+            noise, residual = noise[..., valid, :][..., valid], residual[..., valid]
         log_kappa = log_intensity(measurement, rows.z[which], q, valid)
         share = log_densities(residual, noise[None] if noise.ndim == 3 else noise[None, None])
         share += log_joint[:, None]
         particle_kernels().log_share(share, np.ascontiguousarray(log_kappa, float))
-        shares[:, which] = share
+        if len(which) == len(rows.z):
+            shares = share
+        else:
+            shares[:, which] = share
     particle_kernels().add_logs(log_after, shares)
     return log_after, shares
 

@@ -57,6 +57,14 @@ def test_two_targets_that_cross_keep_their_labels_even_where_one_is_missed():
     assert masses(named(beside)[0]) == {3: 0.9, 4: 0.95}
 
 
+@pytest.mark.filterwarnings("error")
+def test_targets_of_a_particle_each_are_one_only_at_one_place():
+    label = np.array([3, 4])
+    for off, names in ((0.0, {3}), (0.1, {3, 4})):
+        two = Cloud(np.log([0.3, 0.4]), np.array([[1.0, 0, 0, 0], [1.0 + off, 0, 0, 0]]), np.zeros(2, np.int64), label)
+        assert set(named(two)[0].label) == names
+
+
 def test_weights_and_states_are_left_alone():
     before = cloud(([1, 0, 1, 0], 1.9, 3), ([4, 0, 4, 0], 0.9, -1))
     after, _ = named(before)

@@ -38,3 +38,11 @@ def test_particles_share_the_noise(noises):
     A = rng.standard_normal((1, noises, 3, 3))
     S, residual = A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(3), rng.standard_normal((9, 5, 3))
     np.testing.assert_allclose(log_densities(residual, S), log_gaussian(residual, S), rtol=1e-11)
+
+
+def test_totals_of_rows_are_numpys():
+    log = 40 * np.random.default_rng(3).standard_normal((200, 4)) - 60
+    log[:, 1] = -np.inf
+    got = np.zeros(4)
+    kernels.row_totals(log, got)
+    np.testing.assert_allclose(got, np.exp(log).sum(axis=0), rtol=1e-12)
