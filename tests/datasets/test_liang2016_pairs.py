@@ -18,7 +18,7 @@ from sonobench.types import Detections, Scan
 from sonobench_plugins.metric.ospa import Ospa
 
 REGISTRY = Registry.load()
-OSPA = "ospa[c_m=1.0,p=2.0]"
+OSPA = "ospa"
 
 
 def tracker_of(entry: str) -> Any:
