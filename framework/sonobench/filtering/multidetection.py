@@ -30,8 +30,9 @@ from sonobench.types import Array, Bools, Floats, Ints, Scan, Setup
 
 MOST_ROWS = 62  # a set of rows is the bits of one integer
 DENSE_ROWS = 18  # of a group for which all subsets are cheaper than a table of those reached
-_COARSER, _COARSEST = 100.0, 1.0
-_VALUES, _SETS = 1 << 21, 1 << 15  # likelihoods of particles' sets that are held, and sets
+_COARSER, _COARSEST = 100.0, 1e-4
+_VALUES, _SETS = 1 << 20, 1 << 14  # likelihoods of particles' sets that are held, and sets
+_WAYS = 1 << 25  # of which most fall to the cut on the way
 
 
 class Factors(NamedTuple):
@@ -103,7 +104,7 @@ def factors(
     log_miss: Floats,
     log_kappa: Floats,
     cut: float = 1e-6,
-    most_work: int = 1 << 24,
+    most_work: int = 1 << 20,
     explain: bool = False,
 ) -> Factors:
     """Update factors of particles.
@@ -115,8 +116,8 @@ def factors(
         log_kappa: (m,) log clutter intensity at the rows.
         cut: alternatives that are less probable than this share of the one without them are left out: a particle's use of a row
             beside leaving it to clutter, and a set's joint origin beside separate ones. 0 is exact.
-        most_work: steps of the recursion for Z in one group of rows that hang together (16 million take some .1 s); where that does
-            not do, the cut is raised a hundredfold up to 1, then the less likely half of the rows is left out; the answer says both.
+        most_work: steps of the recursion for Z in one group of rows that hang together (a million take some 10 ms); where that does
+            not do, the cut is raised up to 1e-4, then the least likely third of the rows is left out; the answer says both.
         explain: work out `explained`.
 
     Raises:
@@ -138,7 +139,7 @@ def factors(
         solved = _solve(w, np.ascontiguousarray(a[:, :, kept]), q, kappa[kept], cut, most_work, explain)
         if solved is not None:
             break
-        room = room // 2
+        room = max(2 * room // 3, 1)
     factor, own, sets, cut = solved
     left_out, used = len(used) - room, used[kept]
     if not np.isfinite(factor).all():
@@ -177,7 +178,9 @@ def _solve(w: Array, a: Array, q: Array, kappa: Array, cut: float, most_work: in
     alone = kappa + np.einsum("nlm,nl->m", a, w[:, None] * others)
     last = a.shape[2] == 1
     while True:
-        starts, which, value, masks, tau = kernels.likelihoods(w, a, q, alone, cut, max(_VALUES, 16 * len(w)), _SETS)
+        starts = np.zeros(0, np.int64)
+        if last or _ways(a, q, alone, cut) <= _WAYS:
+            starts, which, value, masks, tau = kernels.likelihoods(w, a, q, alone, cut, max(_VALUES, 16 * len(w)), _SETS)
         if len(starts):
             ratio, sets = _ratios(masks, tau, kappa, cut, most_work)
             if sets:
@@ -185,7 +188,13 @@ def _solve(w: Array, a: Array, q: Array, kappa: Array, cut: float, most_work: in
                 return factor, explained, sets, cut
         if cut >= _COARSEST and not last:
             return None
-        cut = min(max(cut * _COARSER, 1e-8), _COARSEST)
+        cut = min(max(cut * _COARSER, 1e-8), max(cut, _COARSEST))
+
+
+def _ways(a: Array, q: Array, alone: Array, cut: float) -> float:
+    """How many ways particles have to give rows to modes, rows shared by modes counted twice; a bound of what is to be held."""
+    choices = np.count_nonzero(a >= np.maximum(cut * q[:, :, None] * alone, np.finfo(float).tiny), axis=2)
+    return float(np.prod(1.0 + choices, axis=1).sum())
 
 
 def _ratios(masks: Ints, tau: Array, kappa: Array, cut: float, most_work: int) -> tuple[Array, int]:
