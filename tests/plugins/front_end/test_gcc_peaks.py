@@ -130,3 +130,11 @@ class _Broken:
 def test_a_delay_estimator_that_gives_nan_is_named():
     with pytest.raises(PluginError, match="_Broken gave NaN"):
         scans(replace(VOICED, delay=_Broken()), header(CLUSTER_M, every_pair(4)), _white((0, 1, 2, 3)))
+
+
+def test_a_wider_margin_finds_delays_beyond_the_pairs_aperture():
+    pairs = np.array([[0, 1]])
+    _, out = scans(GccPeaks(activity=Always(), margin_s=0.006), header(CLUSTER_M, pairs), _white((0, 50, 0, 0)))
+    assert 50 / RATE_HZ > 3 * 0.5 / 344.0
+    for scan in out:
+        assert abs(_delays(scan, 1)[0] * RATE_HZ + 50) < 0.05
