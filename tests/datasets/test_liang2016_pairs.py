@@ -30,9 +30,9 @@ def scores(name: str, folder: Path, metric: str) -> pd.DataFrame:
     """A metric's values by swept value and repetition (rows) and pipeline (columns) of a study whose every trial is ok."""
     run = Study.load(name).run(out=folder / name)
     assert run.failed == 0, run.trials[["status", "exc_message"]].drop_duplicates()
-    columns = ["trial_key", "pipeline", "repetition", *(c for c in run.trials.columns if c.startswith("p_scene."))]
-    rows = run.scores[run.scores["metric"] == metric].merge(run.trials[columns], on="trial_key")
-    return rows.pivot_table(index=columns[2:], columns="pipeline", values="value")
+    swept = [c for c in run.trials.columns if c.startswith("p_scene.")]
+    rows = run.scores[run.scores["metric"] == metric].merge(run.trials[["trial_key", "pipeline", "repetition", *swept]], on="trial_key")
+    return rows.pivot_table(index=[*swept, "repetition"], columns="pipeline", values="value")
 
 
 @pytest.mark.parametrize("name", ["liang2016-pairs", "liang2016-pairs-scans"])
