@@ -16,6 +16,7 @@ single-target formula (its mass explodes), and is not here; eq. 5-29 is, without
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -61,7 +62,9 @@ class ParticlePhd:
     birth: Birth = field(default_factory=FromDetections)  #: where targets appear
     p_s: float = 0.99  #: probability that a target survives one period (a scan, where scans have no period)
     update: JointUpdate = "iterated"  #: "iterated" over any sensors; "joint": all at once; "stacked" insists on a single one
-    cut: float = 1e-6  #: of several detections a target: joint origins that are less probable than this beside others; 0 is exact
+    cut: float = (
+        1e-6  #: of several detections a target: joint origins less probable than this beside others; 0 is exact; info says what was used
+    )
     particles: int = 500  #: after resampling, for each expected target
     most_particles: int = 4000  #: after resampling, in all
     born_particles: int = 200  #: for each component that the birth proposes
@@ -113,19 +116,20 @@ class ParticlePhd:
         dt_s = elapsed(state.time_s, scan)
         heard = searched(scan, state.measurement.sensors)
         memory, shares = state.memory, None
+        info: dict[str, float] = {}
         cloud = self._predict(rng, state, dt_s)
         if heard and not self.birth.uses_scan:
             memory, born = self.birth.propose(rng, memory, scan, _summary(cloud))
             cloud = join(cloud, self._sampled(rng, born))
         for sensors in [heard] if self.update == "joint" and heard else [(q,) for q in heard]:
-            log_w, shares = self._update(cloud, state, scan, sensors)
-            cloud = cloud._replace(log_w=log_w)
+            log_w, shares, told = self._update(cloud, state, scan, sensors)
+            cloud, info = cloud._replace(log_w=log_w), {k: max(v, info.get(k, 0.0)) for k, v in told.items()}
         following = state.following
         if self._labelled:
             cloud, following = relabelled(rng, cloud, self._place(), following)
         found, labels = self._extract(rng, cloud, shares)
         mass = float(np.exp(cloud.log_w).sum())
-        estimate = Estimate(scan.time_s, found.m, found.P, labels, found.w, mass, {"particles": len(cloud.log_w)})
+        estimate = Estimate(scan.time_s, found.m, found.P, labels, found.w, mass, {"particles": len(cloud.log_w), **info})
         if heard:
             cloud = self._resample(rng, cloud, mass)
             if self.birth.uses_scan:  # the scan that proposes them must not confirm them too
@@ -157,15 +161,17 @@ class ParticlePhd:
         label = np.full(len(x), UNLABELLED, np.int64) if self._labelled else None
         return Cloud(np.repeat(log_w, self.born_particles), x, np.repeat(born.mode[kept], self.born_particles), label)
 
-    def _update(self, cloud: Cloud, state: ParticleState, scan: Scan, sensors: tuple[int, ...]) -> tuple[Array, Array | None]:
-        """New log weights, and the log share of each row in them where a row is one target's only detection."""
+    def _update(
+        self, cloud: Cloud, state: ParticleState, scan: Scan, sensors: tuple[int, ...]
+    ) -> tuple[Array, Array | None, Mapping[str, float]]:
+        """New log weights; the log share of each row in them where a row is one target's only detection; else the cut and rows left out."""
         model, q = state.measurement, sensors[0]
         if model.n_modes == 1 and len(sensors) == 1:
             z_hat = model.h(cloud.x, q, pose_of(state.setup, scan, q))[..., 0, :]
-            return reweigh(cloud.log_w, cloud.x, z_hat, scan, model, q)
+            return *reweigh(cloud.log_w, cloud.x, z_hat, scan, model, q), {}
         found = factors(cloud.log_w, *evidence(cloud.x, scan, model, state.setup, sensors), cut=self.cut)
         with np.errstate(divide="ignore"):
-            return cloud.log_w + np.log(found.factor), None
+            return cloud.log_w + np.log(found.factor), None, {"cut": found.cut, "left_out": found.left_out}
 
     def _extract(self, rng: np.random.Generator, cloud: Cloud, shares: Array | None) -> tuple[Mixture, Ints | None]:
         """Targets, and their labels where particles have some."""

@@ -162,3 +162,10 @@ def test_what_does_not_fit_is_refused_at_init_by_name(tracker, where, says):
 def test_impossible_parameters_are_refused(values):
     with pytest.raises(ValueError):
         ParticlePhd(**values)
+
+
+def test_a_joint_update_says_which_cut_it_used_and_how_many_rows_it_left_out():
+    where, rng = scenes.setup(False, clutter=2.0), np.random.default_rng(0)
+    tracker = ParticlePhd(update="joint", birth=BIRTHS)
+    _, estimate = tracker.step(rng, tracker.init(rng, where), scenes.scans(rng, False, clutter=2.0)[0])
+    assert (estimate.info["cut"], estimate.info["left_out"]) == (1e-6, 0)
