@@ -1,6 +1,6 @@
 """Framing, correlation, peaks and steered power: signal maths that front ends share, bundled or not."""
 
-from sonobench.signal.coherence import coherence, phases, raised, snr_exponent
+from sonobench.signal.coherence import check_exponent, coherence, phases, raised, snr_exponent
 from sonobench.signal.correlation import TablePlan, correlations, cross_spectra, plan_tables, weighed, whitened
 from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push, window
 from sonobench.signal.peaks import local_maxima, pick, refine
@@ -22,6 +22,7 @@ __all__ = [
     "TableStream",
     "Tail",
     "WindowName",
+    "check_exponent",
     "coherence",
     "correlations",
     "cross_spectra",

@@ -40,6 +40,20 @@ def raised(cross: Complexes, alpha: Any) -> Floats:
     return np.where(share > 0, share**alpha, 0.0).astype(magnitude.dtype)
 
 
+def check_exponent(alpha: float, adapt: bool, segments: int, memory_s: float) -> None:
+    """Refuse an exponent of the magnitude outside 0 to 1, and `snr_exponent` of spectra that are no averages.
+
+    Raises:
+        ValueError: says which.
+    """
+    if not 0 <= alpha <= 1:
+        raise ValueError(f"alpha is {alpha}; 0 to 1 is needed")
+    if adapt and segments < 2 and memory_s <= 0:
+        raise ValueError(
+            "adapt estimates the signal-to-noise ratio from the coherence: segments of at least 2, or memory_s above 0, is needed"
+        )
+
+
 def snr_exponent(cross: Complexes, power: Floats, pairs: Ints) -> Floats:
     """Liang 2016, table 3-4: .5 up to 10 dB, .75 up to 25 dB, .85 above, (…, P, 1), of the ratio that the mean coherence implies."""
     gamma = np.sqrt(coherence(cross, power, pairs))

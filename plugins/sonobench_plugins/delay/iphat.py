@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonobench.protocols import Complexes
-from sonobench.signal import coherence, raised, snr_exponent, weighed
+from sonobench.signal import check_exponent, coherence, raised, snr_exponent, weighed
 from sonobench.types import Floats, Ints
 
 
@@ -27,12 +27,7 @@ class Iphat:
     memory_s: float = 0.0  #: time constant of the average of spectra over frames, 0 for none
 
     def __post_init__(self) -> None:
-        if not 0 <= self.alpha <= 1:
-            raise ValueError(f"alpha is {self.alpha}; 0 to 1 is needed")
-        if self.adapt and self.segments < 2 and self.memory_s <= 0:
-            raise ValueError(
-                "adapt estimates the signal-to-noise ratio from the coherence: segments of at least 2, or memory_s above 0, is needed"
-            )
+        check_exponent(self.alpha, self.adapt, self.segments, self.memory_s)
 
     def correlate(self, spectra: Complexes, pairs: Ints) -> Floats:
         """Spectra (…, mic, bin), pairs (P, 2) → circular correlation (…, P, lag), highest at the lag by which i is later than j."""
