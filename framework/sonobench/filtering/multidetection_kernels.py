@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -13,7 +15,7 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 @njit(cache=True)
-def _longer(array, count, least):
+def _longer(array: Any, count: int, least: int) -> Any:
     more = np.empty(max(2 * len(array), least), array.dtype)
     more[:count] = array[:count]
     return more
@@ -118,7 +120,7 @@ def likelihoods(w: Array, a: Array, q: Array, alone: Array, cut: float, most: in
 
 
 @njit(cache=True)
-def _free(key, keys, table, bits):
+def _free(key: int, keys: Ints, table: Ints, bits: int) -> np.int64:
     """Where a key stands in a hash of numbers into `keys` (−1 is free), or the free place for it."""
     h = np.int64((np.uint64(key) * _GOLDEN) >> np.uint64(64 - bits))
     while table[h] >= 0 and keys[table[h]] != key:
@@ -127,7 +129,7 @@ def _free(key, keys, table, bits):
 
 
 @njit(cache=True)
-def _lowest(mask):
+def _lowest(mask: int) -> int:
     b = 0
     while not (mask >> b) & 1:
         b += 1
@@ -135,7 +137,7 @@ def _lowest(mask):
 
 
 @njit(cache=True)
-def _by_lowest(masks, n):
+def _by_lowest(masks: Ints, n: int) -> tuple[Ints, Ints]:
     """Numbers of sets sorted by their lowest row, and where each row's begin."""
     first = np.zeros(n + 1, np.int64)
     for k in range(len(masks)):
