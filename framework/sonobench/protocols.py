@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from sonobench.types import Array, Block, Bools, Estimate, Floats, Header, Ints, Scan, Setup, Space, Truth
+from sonobench.types import Array, Block, Bools, Estimate, Field, Floats, Header, Ints, Scan, Setup, Space, Truth
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 State = Any  # each component's own immutable state; opaque to the framework, picklable
@@ -83,6 +83,41 @@ class Delay(Protocol):
 
         The peak of pair (i, j) lies at the lag by which i is later than j. Must be a function of its arguments only.
         """
+        ...
+
+
+class Directions(NamedTuple):
+    """Directions of arrival at a vector sensor, by frame.
+
+    u (f, n, 3) unit vectors towards the sources, in the array's frame; valid (f, n) bool, False where a row stands for nothing (its u is
+    finite all the same); R (f, n, 2, 2) covariance of (azimuth, elevation) rad², or None where the method has none; score (f, n) or None.
+    """
+
+    u: Array
+    valid: Bools
+    R: Array | None = None
+    score: Array | None = None
+
+
+@runtime_checkable
+class Direction(Protocol):
+    """Samples of one vector sensor → directions of arrival, frame by frame."""
+
+    def directions(self, samples: Floats) -> Directions:
+        """Frames (f, N, 4) of real samples (p, vx, vy, vz) → Directions of at most n sources each.
+
+        Velocities are scaled by −ρ0 c: a plane wave s from the direction u reads (s, u s). Must be a function of its argument only, and of
+        each frame by itself.
+        """
+        ...
+
+
+@runtime_checkable
+class Spectrum(Protocol):
+    """Samples of one vector sensor → fields over directions, frame by frame, without picking peaks."""
+
+    def fields(self, samples: Floats) -> Sequence[Field]:
+        """Frames (f, N, 4) as in `Direction` → f fields, each to be evaluated at z (…, q, 2), azimuth and elevation in the array's frame."""
         ...
 
 
@@ -375,6 +410,8 @@ ROLES: Mapping[str, type] = {
     "front_end": FrontEnd,
     "preprocessor": Preprocessor,
     "delay": Delay,
+    "direction": Direction,
+    "spectrum": Spectrum,
     "activity": Activity,
     "motion": Motion,
     "measurement": Measurement,
@@ -397,6 +434,8 @@ __all__ = [
     "BoundLikelihood",
     "BoundMeasurement",
     "Delay",
+    "Direction",
+    "Directions",
     "FrontEnd",
     "Likelihood",
     "Measurement",
@@ -411,6 +450,7 @@ __all__ = [
     "Sound",
     "SoundSignal",
     "Spawn",
+    "Spectrum",
     "State",
     "Tracker",
     "Trajectory",
