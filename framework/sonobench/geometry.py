@@ -53,3 +53,16 @@ def lift(points: Any, height_m: float) -> Floats:
     if points.shape[-1] == 3:
         return points
     return np.concatenate([points, np.full((*points.shape[:-1], 1), height_m)], axis=-1)
+
+
+def unit_vector(z: ArrayLike) -> Floats:
+    """Unit vectors (…, 3) towards directions z (…, 2): azimuth, counter-clockwise from +x, and elevation from the xy plane, rad."""
+    z = np.asarray(z, float)
+    level = np.cos(z[..., 1])
+    return np.stack([level * np.cos(z[..., 0]), level * np.sin(z[..., 0]), np.sin(z[..., 1])], axis=-1)
+
+
+def angles(u: ArrayLike) -> Floats:
+    """Azimuth in (−π, π] and elevation in [−π/2, π/2], rad (…, 2), of vectors u (…, 3) of any length; the azimuth is 0 straight up and down."""
+    u = np.asarray(u, float) + 0.0  # −0 would send the azimuth of (−1, −0) to −π
+    return np.stack([np.arctan2(u[..., 1], u[..., 0]), np.arctan2(u[..., 2], np.hypot(u[..., 0], u[..., 1]))], axis=-1)
