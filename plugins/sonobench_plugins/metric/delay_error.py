@@ -3,8 +3,9 @@
 Source: Liang 2016, eq. 3-11 (the mean error) and 3-12 (the root of the mean square), whose names are swapped there; gross errors
 as in Ianniello 1982, "Time delay estimation via cross-correlation in the presence of large estimation errors".
 The strongest row is that of the highest score; where rows have no scores, each counts. A frame whose microphones were
-searched and gave no row is missed, a gross error, and counts as one of the widest pair's whole range; frames without voice
-activity, and without a sounding source, count nowhere.
+searched and gave no row is missed: a gross error that weighs as much as any other, and in the root mean square one of the
+widest pair's whole range. Frames without a sounding source count nowhere; those in which one sounds but the front end
+searched nothing (voice activity) are counted as skipped, and nowhere else.
 """
 
 from __future__ import annotations
@@ -23,15 +24,16 @@ from sonobench.types import Array, DelayTable, Floats, Scan, Setup, Truth
 
 
 class _Seen(NamedTuple):
-    """Of one pair in one frame: error of the strongest row (NaN: no row), and peak over the highest sidelobe (NaN: no table)."""
+    """Of one pair in one frame: whether it was searched, error of the strongest row (NaN: no row), and peak over the highest sidelobe (NaN: no table)."""
 
-    error_s: float
-    ratio: float
+    searched: bool
+    error_s: float = math.nan
+    ratio: float = math.nan
 
 
 @dataclass(frozen=True)
 class DelayError:
-    """Root mean square error, bias, share of gross errors, error of the others, missed frames, peak to sidelobe ratio."""
+    """Root mean square error, bias, share of gross errors, errors of the others, missed and skipped frames, peak to sidelobe ratio."""
 
     reads: ClassVar[str] = "scans"
     gross_s: float = 2e-4  #: an error above is gross: another peak, not this one's error
@@ -42,42 +44,45 @@ class DelayError:
             raise InputError(f"delay-error: gross_s is {self.gross_s} and lobe_s {self.lobe_s}; above 0 is needed")
 
     def evaluate(self, truth: Truth, output: Sequence[Scan], space: Setup | None) -> Mapping[str, Series]:
-        """Columns "" (rms, s), "bias", "gross", "inlier" (rms of what is not gross), "missed", "sidelobe" (peak over sidelobe)."""
-        seen = [] if space is None else list(self._seen(truth, output, space))
+        """Columns "" (rms, s), "bias", "gross", "inlier" and "mae" (rms and mean of what is not gross), "missed", "skipped", "sidelobe"."""
+        told = [] if space is None else list(self._seen(truth, output, space))
+        seen = [s for s in told if s.searched]
         error = np.array([s.error_s for s in seen])
         found = ~np.isnan(error)
         near = found & (np.abs(error) <= self.gross_s)
+        every = np.ones(len(seen), bool)
         ratio = np.array([s.ratio for s in seen])
-        tabled = ~np.isnan(ratio)
-        share = float(found.mean()) if len(found) else 0.0
-        aperture_s = None if space is None else 2 * max(float(max_delay(u.elements, u.pairs, space.c_m_s).max()) for u in space.sensors)
+        widest_s = None if space is None else _widest(space)
 
         def series(values: Array, counts: Array, unit: str, pool: str, **more: object) -> Series:
-            return Series(np.where(counts, values, 0.0), counts.astype(float), unit, pool=pool, **more)  # type: ignore[arg-type]
+            share = float(counts.mean()) if len(counts) else 0.0
+            return Series(np.where(counts, values, 0.0), counts.astype(float), unit, pool=pool, coverage=share, **more)  # type: ignore[arg-type]
 
         return {
-            "": series(error, found, "s", "rms", coverage=share, worst=aperture_s),
-            "bias": series(error, found, "s", "mean", coverage=share),
-            "gross": series((np.abs(error) > self.gross_s).astype(float), found, "1", "rate", coverage=share, worst=1.0),
-            "inlier": series(error, near, "s", "rms", coverage=float(near.mean()) if len(near) else 0.0),
-            "missed": series((~found).astype(float), np.ones(len(found), bool), "1", "rate", worst=1.0, coverage=float(len(found) > 0)),
-            "sidelobe": series(ratio, tabled, "1", "mean", better="higher", coverage=float(tabled.mean()) if len(tabled) else 0.0),
+            "": series(np.where(found, error, widest_s or 0.0), every, "s", "rms", worst=widest_s),
+            "bias": series(error, found, "s", "mean"),
+            "gross": series((~near).astype(float), every, "1", "rate", worst=1.0),
+            "inlier": series(error, near, "s", "rms"),
+            "mae": series(np.abs(error), near, "s", "mean"),
+            "missed": series((~found).astype(float), every, "1", "rate", worst=1.0),
+            "skipped": series(np.array([not s.searched for s in told], float), np.ones(len(told), bool), "1", "rate", worst=1.0),
+            "sidelobe": series(ratio, ~np.isnan(ratio), "1", "mean", better="higher"),
         }
 
     def _seen(self, truth: Truth, scans: Sequence[Scan], setup: Setup) -> Iterator[_Seen]:
-        pairs = [q for q, unit in enumerate(setup.sensors) if unit.kind == "tdoa" and len(unit.space) == 1]
-        if not pairs:
-            raise SetupError(f"metric delay-error reads sensors of one microphone pair each; there are {[u.name for u in setup.sensors]}")
+        pairs = _pairs(setup)
         for scan in scans:
             points = _sounding(truth, scan.time_s)
             if not len(points):
                 continue
             for q in pairs:
-                if scan.searched[q]:
-                    true = sensor_delays(points, setup, q)[:, 0]
-                    ratio = self._ratio(scan.fields.get("gcc"), q)
-                    for found_s in _reported(scan, q) or [math.nan]:
-                        yield _Seen(_error(found_s, true), ratio)
+                if not scan.searched[q]:
+                    yield _Seen(searched=False)
+                    continue
+                true = sensor_delays(points, setup, q)[:, 0]
+                ratio = self._ratio(scan.fields.get("gcc"), q)
+                for found_s in _reported(scan, q) or [math.nan]:
+                    yield _Seen(True, _error(found_s, true), ratio)
 
     def _ratio(self, table: object, q: int) -> float:
         if not isinstance(table, DelayTable):
@@ -87,6 +92,20 @@ class DelayError:
         lobe = math.ceil(self.lobe_s / table.step_s)
         beside = np.concatenate([values[: max(top - lobe, 0)], values[top + lobe + 1 :]])
         return float(values[top] / beside.max()) if len(beside) and beside.max() > 0 else math.nan
+
+
+def _pairs(setup: Setup) -> list[int]:
+    """The sensors that are one microphone pair; SetupError where there is none."""
+    pairs = [q for q, unit in enumerate(setup.sensors) if unit.kind == "tdoa" and len(unit.space) == 1]
+    if not pairs:
+        raise SetupError(f"metric delay-error reads sensors of one microphone pair each; there are {[u.name for u in setup.sensors]}")
+    return pairs
+
+
+def _widest(setup: Setup) -> float:
+    """The range of delays of the widest pair."""
+    units = [setup.sensors[q] for q in _pairs(setup)]
+    return 2 * max(float(max_delay(u.elements, u.pairs, setup.c_m_s).max()) for u in units)
 
 
 def _sounding(truth: Truth, time_s: float) -> Array:

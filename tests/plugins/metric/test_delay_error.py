@@ -43,7 +43,27 @@ def test_errors_are_those_of_the_strongest_row_to_the_nearest_talker():
     assert found["delay-error.bias"] == pytest.approx(error.mean())
     assert found["delay-error.gross"] == pytest.approx(2 / 4)
     assert found["delay-error.inlier"] == pytest.approx(np.sqrt(np.mean(error[:2] ** 2)))
+    assert found["delay-error.mae"] == pytest.approx(np.mean(np.abs(error[:2])))
     assert found["delay-error.missed"] == pytest.approx(0.25)
+    assert found["delay-error.skipped"] == 0
+
+
+def test_a_missed_frame_weighs_as_a_gross_error_also_where_nothing_at_all_was_found():
+    wrong = [scan(k, [1.0] * 4, range(4)) for k in range(6)]
+    silent = [scan(k, [], []) for k in range(6)]
+    half = [scan(k, delays(k)[0] if k % 2 else [], range(4) if k % 2 else []) for k in range(6)]
+    gross = [next(r for r in score(DelayError(), TRUTH, scans, SETUP) if r.metric.endswith("gross")) for scans in (wrong, silent, half)]
+    assert [r.value for r in gross] == [1.0, 1.0, 0.5]
+    assert [r.weight for r in gross] == [24.0] * 3
+    assert [r.coverage for r in gross] == [1.0] * 3
+
+
+def test_frames_that_the_front_end_skips_while_a_talker_sounds_are_told_and_those_without_a_talker_are_not():
+    quiet = dataclasses.replace(TRUTH, active=TRUTH.active & (np.arange(6) != 3)[:, None])
+    idle = [scan(k, [], [], searched=(False,) * 4) for k in (2, 3)]
+    found = rows([scan(1, delays(1)[0], range(4)), *idle], truth=quiet)
+    assert found["delay-error.skipped"] == 0.5
+    assert found["delay-error.gross"] == found["delay-error.missed"] == 0
 
 
 def test_frames_without_activity_or_without_a_sounding_talker_count_nowhere():
@@ -76,6 +96,7 @@ def test_rows_without_scores_count_each():
 def test_a_failed_trial_misses_nothing_and_ranks_nowhere():
     found = rows([], setup=None)
     assert np.isnan(found["delay-error"])
+    assert found["delay-error.gross"] == found["delay-error.missed"] == found["delay-error.skipped"] == 1
 
 
 def test_what_cannot_be_scored_is_named():
