@@ -163,7 +163,16 @@ class Motion(Protocol):
 
 @runtime_checkable
 class BoundMeasurement(Protocol):
-    """A measurement model that knows the state space and the setup; `q` indexes Setup.sensors."""
+    """A measurement model that knows the state space and the setup; `q` indexes Setup.sensors.
+
+    A measurement space may be curved (directions are): its differences are then steps in the plane that touches it at ẑ.
+    `residual(z, ẑ)` is that step, `jacobian` and the model's `R` are in its axes, `log_clutter` is per unit of its area, and there are
+
+        moved(z_hat, step, q)     where a step (…, dz) leads to from ẑ (…, dz): residual(moved(ẑ, s), ẑ) = s
+        noise(R, z, z_hat, q)     covariances R (…, dz, dz) that rows z state for their own components, as those of residual(z, ẑ)
+
+    for `points.image_moments` and `evidence.noise_of`, through which every filter goes.
+    """
 
     @property
     def sensors(self) -> tuple[int, ...]:

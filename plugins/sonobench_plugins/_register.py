@@ -53,6 +53,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "tdoa": f"{_HERE}.measurement.tdoa:Tdoa",
             "tdoa-images": f"{_HERE}.measurement.tdoa_images:TdoaImages",
             "position": f"{_HERE}.measurement.position:Position",
+            "direction": f"{_HERE}.measurement.direction:Direction",
         },
         "likelihood": {"tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField"},
         "transform": {

@@ -7,15 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sonobench.errors import InputError
-from sonobench.types import Array, Bools, Scan
+from sonobench.protocols import BoundMeasurement
+from sonobench.types import Array, Bools, Floats, Ints, Scan
 
 
 class Rows(NamedTuple):
-    """Measurements of one sensor: z (m, dz), R (m, dz, dz) or None (the model's), valid (m, dz)."""
+    """Measurements of one sensor: z (m, dz), R (m, dz, dz) or None (the model's), valid (m, dz), score (m,) or None."""
 
     z: Array
     R: Array | None
     valid: Bools
+    score: Array | None = None
 
 
 def searched(scan: Scan, sensors: tuple[int, ...]) -> tuple[int, ...]:
@@ -45,12 +47,27 @@ def rows_of(scan: Scan, sensor: int, dz: int) -> Rows:
         raise InputError(f"the scan at {scan.time_s} s lists sensor {sensor} in {len(parts)} sets of detections; give it one")
     group, mine = parts[0]
     z, R = group.z[mine], None if group.R is None else group.R[mine]
-    more = [] if R is None else [*R.reshape(len(z), -1).T]  # decide between rows of the same values
+    score = None if group.score is None else group.score[mine]
+    more = [] if score is None else [score]  # what decides between rows of the same values
+    more += [] if R is None else [*R.reshape(len(z), -1).T]
     if group.valid is None:
         order = np.lexsort([*more, *z.T])
-        return Rows(z[order], None if R is None else R[order], np.ones(z.shape, bool))
+        return Rows(z[order], None if R is None else R[order], np.ones(z.shape, bool), None if score is None else score[order])
     valid = group.valid[mine]
     z = np.where(valid, z, 0.0)
     order = np.lexsort([*more, *z.T, *valid.T])
     order = order[valid[order].any(axis=1)]
-    return Rows(z[order], None if R is None else R[order], valid[order])
+    return Rows(z[order], None if R is None else R[order], valid[order], None if score is None else score[order])
+
+
+def noise_of(measurement: BoundMeasurement, scan: Scan, q: int, rows: Rows, which: Ints, z_hat: Floats) -> Array:
+    """Noise covariance of rows `which` (m) of a sensor in the axes of their residuals from images ẑ (J, dz).
+
+    Returns:
+        (dz, dz) where the model states it for every row, (m, dz, dz) where the rows do, (J, m, dz, dz) where it also depends on ẑ.
+    """
+    if rows.R is None:
+        return measurement.R(q, scan)
+    turned = getattr(measurement, "noise", None)
+    R = rows.R[which]
+    return R if turned is None else np.asarray(turned(R, rows.z[which], z_hat[:, None, :], q))

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sonobench.filtering.evidence import rows_of
+from sonobench.filtering.evidence import noise_of, rows_of
 from sonobench.filtering.phd import log_intensity, patterns
 from sonobench.filtering.steps import pose_of
 from sonobench.protocols import BoundMeasurement
@@ -72,7 +72,8 @@ def evidence(x: Array, scan: Scan, measurement: BoundMeasurement, setup: Setup, 
             log_p, log_q = np.log(p_d), np.log1p(-p_d)
         log_g, kappa = np.empty((*z_hat.shape[:2], len(rows.z))), np.empty(len(rows.z))
         for which, valid in patterns(rows):
-            noise = (measurement.R(q, scan)[None] if rows.R is None else rows.R[which])[:, valid][:, :, valid]
+            noise = noise_of(measurement, scan, q, rows, which, z_hat.reshape(-1, z_hat.shape[-1]))[..., valid, :][..., valid]
+            noise = noise.reshape(*z_hat.shape[:2], *noise.shape[1:]) if noise.ndim == 4 else noise.reshape(-1, *noise.shape[-2:])
             residual = measurement.residual(rows.z[which], z_hat[:, :, None], q)[..., valid]  # (N, L, m, dz)
             log_g[:, :, which] = _log_gaussian(residual, noise)
             kappa[which] = log_intensity(measurement, rows.z[which], q, valid)
@@ -88,12 +89,13 @@ def evidence(x: Array, scan: Scan, measurement: BoundMeasurement, setup: Setup, 
 
 
 def _log_gaussian(residual: Floats, noise: Array) -> Array:
-    """log N(residual; 0, noise) of (…, m, dz) and (m or 1, dz, dz)."""
+    """log N(residual; 0, noise) of (…, m, dz) and (…, m, dz, dz) or (m or 1, dz, dz)."""
     try:
         factor = np.linalg.cholesky(noise)
     except np.linalg.LinAlgError:
         raise ValueError("a measurement noise is singular; give the measurement a noise above zero") from None
-    white = np.einsum("...mi,mji->...mj", residual, np.broadcast_to(np.linalg.inv(factor), (residual.shape[-2], *noise.shape[1:])))
+    whitening = np.broadcast_to(np.linalg.inv(factor), (*noise.shape[:-3], residual.shape[-2], *noise.shape[-2:]))
+    white = np.einsum("...mi,...mji->...mj", residual, whitening)
     log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     return np.asarray(-0.5 * np.einsum("...j,...j->...", white, white) - log_det - 0.5 * residual.shape[-1] * math.log(2 * math.pi))
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sonobench.filtering.evidence import Rows, rows_of
+from sonobench.filtering.evidence import Rows, noise_of, rows_of
 from sonobench.filtering.gaussian import SINGULAR
 from sonobench.filtering.mixture import kernels, take, union
 from sonobench.filtering.particles import particle_kernels
@@ -68,7 +68,7 @@ def correct(prior: Mixture, moments: Moments, scan: Scan, measurement: BoundMeas
     with np.errstate(divide="ignore"):
         log_prior = np.log(prior.w) + np.log(p_d)
     for which, valid in patterns(rows):
-        z, noise = rows.z[which], measurement.R(q, scan) if rows.R is None else rows.R[which]
+        z, noise = rows.z[which], noise_of(measurement, scan, q, rows, which, moments.z_hat)
         residual = measurement.residual(z, moments.z_hat[:, None, :], q)  # (J, m, dz)
         log_kappa = log_intensity(measurement, z, q, valid)
         S, cross = moments.S, moments.cross
@@ -101,12 +101,12 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     with np.errstate(divide="ignore"):
         log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
     for which, valid in patterns(rows):
-        noise = measurement.R(q, scan) if rows.R is None else rows.R[which]
+        noise = noise_of(measurement, scan, q, rows, which, z_hat)
         residual = measurement.residual(rows.z[which], z_hat[:, None, :], q)  # (N, m, dz)
         if not valid.all():
             noise, residual = noise[..., valid, :][..., valid], residual[..., valid]
         log_kappa = log_intensity(measurement, rows.z[which], q, valid)
-        share = log_densities(residual, noise[None] if noise.ndim == 3 else noise[None, None])
+        share = log_densities(residual, noise.reshape((1,) * (4 - noise.ndim) + noise.shape))
         share += log_joint[:, None]
         particle_kernels().log_share(share, np.ascontiguousarray(log_kappa, float))
         if len(which) == len(rows.z):

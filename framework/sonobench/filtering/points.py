@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sonobench.filtering.gaussian import root, symmetric
+from sonobench.protocols import BoundMeasurement
 from sonobench.types import Array, Floats
 
 
@@ -21,18 +22,45 @@ def spread(m: Floats, P: Floats, radius: float) -> Array:
     return x
 
 
+#: steps towards the mean of a curved space; each leaves about the cube of the points' spread (rad) of the error
+_STEPS = 4
+
+
+def image_moments(
+    x: Floats, m: Floats, w_mean: Array, w_cov: Array, measurement: BoundMeasurement, q: int, pose: Array | None
+) -> tuple[Array, Array, Array]:
+    """Moments, as of `weighted_moments`, of points x (…, p, d) through a measurement of one mode."""
+    z = measurement.h(x, q, pose)[..., 0, :]
+    moved = getattr(measurement, "moved", None)
+    return weighted_moments(
+        x, z, m, w_mean, w_cov, lambda a, b: measurement.residual(a, b, q), None if moved is None else lambda a, step: moved(a, step, q)
+    )
+
+
 def weighted_moments(
-    x: Floats, z: Floats, m: Floats, w_mean: Array, w_cov: Array, residual: Callable[[Floats, Floats], Floats]
+    x: Floats,
+    z: Floats,
+    m: Floats,
+    w_mean: Array,
+    w_cov: Array,
+    residual: Callable[[Floats, Floats], Floats],
+    moved: Callable[[Floats, Floats], Floats] | None = None,
 ) -> tuple[Array, Array, Array]:
     """Mean, covariance and cross-covariance of points x (…, p, d) and their images z (…, p, dz).
 
-    The mean is taken of the differences from the first image, so that a periodic measurement averages on the circle.
+    The mean is taken of the differences from the first image, so that a periodic measurement averages on the circle. Where the
+    measurement space is curved, `moved` undoes `residual` (see `BoundMeasurement`), and the mean is where differences average to zero.
 
     Returns:
         ẑ (…, dz), (…, dz, dz), (…, d, dz).
     """
     first = z[..., :1, :]
-    z_hat = first[..., 0, :] + w_mean @ residual(z, first)
+    if moved is None:
+        z_hat = first[..., 0, :] + w_mean @ residual(z, first)
+    else:
+        z_hat = first[..., 0, :]
+        for _ in range(_STEPS):
+            z_hat = moved(z_hat, w_mean @ residual(z, z_hat[..., None, :]))
     off = residual(z, z_hat[..., None, :])
     weighted = off * w_cov[:, None]
     return (

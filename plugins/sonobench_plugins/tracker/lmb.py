@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sonobench.filtering.association import marginals
-from sonobench.filtering.evidence import rows_of, searched
+from sonobench.filtering.evidence import noise_of, rows_of, searched
 from sonobench.filtering.gaussian import gain, log_gaussian, symmetric
 from sonobench.filtering.mixture import cap, empty, merge, prune, union
 from sonobench.filtering.phd import log_intensity, patterns
@@ -119,7 +119,7 @@ class LabelledMultiBernoulli:
         log_joint = np.full((len(prior.w), len(rows.z)), -np.inf)
         heard = []
         for which, valid in patterns(rows):
-            noise = (state.measurement.R(q, scan) if rows.R is None else rows.R[which])[..., valid, :][..., valid]
+            noise = noise_of(state.measurement, scan, q, rows, which, z_hat)[..., valid, :][..., valid]
             residual = state.measurement.residual(rows.z[which], z_hat[:, None, :], q)[..., valid]
             S = spread[:, valid][:, :, valid][:, None] + noise
             over_clutter = log_gaussian(residual, S) - log_intensity(state.measurement, rows.z[which], q, valid)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sonobench.filtering.points import spread, weighted_moments
+from sonobench.filtering.points import image_moments, spread
 from sonobench.protocols import BoundMeasurement
 from sonobench.types import Array
 
@@ -28,5 +28,4 @@ class Cubature:
     def measure(self, m: Array, P: Array, measurement: BoundMeasurement, q: int, pose: Array | None = None) -> tuple[Array, Array, Array]:
         """ẑ, covariance and cross-covariance of the points' images (eq. 9 to 11, without R)."""
         x, w = self.points(m, P)
-        z = measurement.h(x, q, pose)[..., 0, :]
-        return weighted_moments(x, z, m, w, w, lambda a, b: measurement.residual(a, b, q))
+        return image_moments(x, m, w, w, measurement, q, pose)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sonobench.filtering.points import spread, weighted_moments
+from sonobench.filtering.points import image_moments, spread
 from sonobench.protocols import BoundMeasurement
 from sonobench.types import Array
 
@@ -49,5 +49,4 @@ class Unscented:
         x, w = self.points(m, P)
         w_cov = w.copy()
         w_cov[0] += 1 - self.alpha**2 + self.beta
-        z = measurement.h(x, q, pose)[..., 0, :]
-        return weighted_moments(x, z, m, w, w_cov, lambda a, b: measurement.residual(a, b, q))
+        return image_moments(x, m, w, w_cov, measurement, q, pose)
