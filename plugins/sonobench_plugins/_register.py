@@ -67,6 +67,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "room": f"{_HERE}.birth.room:Room",
             "from-detections": f"{_HERE}.birth.from_detections:FromDetections",
             "from-positions": f"{_HERE}.birth.from_positions:FromPositions",
+            "from-directions": f"{_HERE}.birth.from_directions:FromDirections",
         },
         "spawn": {"offset": f"{_HERE}.spawn.offset:Offset"},
         "tracker": {
@@ -74,6 +75,8 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",
             "lmb": f"{_HERE}.tracker.lmb:LabelledMultiBernoulli",
             "tbd": f"{_HERE}.tracker.tbd:TrackBeforeDetect",
+            "gaussian-filter": f"{_HERE}.tracker.gaussian_filter:GaussianFilter",
+            "best-detection": f"{_HERE}.tracker.best_detection:BestDetection",
             "nobody": f"{_HERE}.tracker.nobody:Nobody",
             "room-centre": f"{_HERE}.tracker.room_centre:RoomCentre",
             "ek-phd": _gaussian_phd("linearised"),

@@ -55,10 +55,10 @@ def weighted_moments(
         ẑ (…, dz), (…, dz, dz), (…, d, dz).
     """
     first = z[..., :1, :]
+    z_hat = first[..., 0, :]
     if moved is None:
-        z_hat = first[..., 0, :] + w_mean @ residual(z, first)
+        z_hat = z_hat + w_mean @ residual(z, first)
     else:
-        z_hat = first[..., 0, :]
         for _ in range(_STEPS):
             z_hat = moved(z_hat, w_mean @ residual(z, z_hat[..., None, :]))
     off = residual(z, z_hat[..., None, :])

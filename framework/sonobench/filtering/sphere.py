@@ -95,7 +95,7 @@ def transported(R: Floats, z: Floats, at: Floats) -> Array:
 def rotated(z: Floats, R: Floats | None, rotation: Array) -> tuple[Array, Array | None]:
     """Directions (…, 2), and covariances (…, 2, 2) of their angles, in axes turned by `rotation` (3, 3): u becomes rotation · u."""
     z = np.asarray(z, float)
-    there = np.asarray(angles(unit_vector(z) @ rotation.T))
+    there = np.asarray(angles(unit_vector(z) @ rotation.T), float)
     if R is None:
         return there, None
     T = tangents(there) @ rotation @ np.swapaxes(tangents(z), -1, -2)

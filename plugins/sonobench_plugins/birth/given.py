@@ -16,12 +16,15 @@ from sonobench.filtering.mixture import take
 from sonobench.protocols import BoundMeasurement, Mixture, State
 from sonobench.types import Scan, Setup, Space
 
+#: the columns of `starts`, as scenes give them
+_STARTS = ("t_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
+
 
 @dataclass(frozen=True)
 class Given:
     """A Gaussian at every row of a `given` array, in every scan; memory is the mixture."""
 
-    name: str = "births"  #: the given array, (n, d) states (turn rates may be left out), or (n, 2 or 3) positions born at rest
+    name: str = "births"  #: the given array, (n, d) states (turn rates may be left out), or (n, 2 or 3) positions born at rest; "starts": rows t, x, y, z, vx, vy, vz
     weight: float = 0.1  #: expected births a scan at each row
     position_std_m: float = 0.1  #: spread of each position coordinate
     velocity_std_m_s: float = 0.3  #: spread of each velocity coordinate
@@ -45,6 +48,8 @@ class Given:
                 f"{who} reads given {self.name!r}; the pipeline {has}: write given = [{json.dumps(self.name)}] beside its front_end and tracker"
             )
         rows = setup.given[self.name]
+        if self.name == "starts" and rows.ndim == 2 and rows.shape[1] == len(_STARTS):
+            rows = rows[:, [_STARTS.index(n) for n in space.names if n in _STARTS]]
         columns = position_columns(space, who)
         moving = [i for i, name in enumerate(space.names) if name.endswith(("_m", "_m_s"))]
         if rows.ndim != 2 or rows.shape[1] not in (len(space), len(moving), len(columns), 3):
