@@ -2,6 +2,7 @@
 
 A number is shown only where it is about the same thing: the same metric with the settings that the reference states, the
 same unit, and the same swept values as the board (their mean, where the board is over several of them and all are printed).
+What publications say of time stands beside the board's own milliseconds a frame.
 """
 
 from __future__ import annotations
@@ -13,15 +14,17 @@ from typing import Any
 
 import pandas as pd
 
-from sonobench.scene.reference import PrintedTable, Reference
+from sonobench.scene.reference import COST, PrintedTable, Reference
 
 PREFIX = "ref."
+COST_PREFIX = "ref_ms_per_frame."
+Shown = Mapping[str, tuple[float, PrintedTable]]  # by pipeline: the number, and where it stands
 
 
 def beside(
     board: pd.DataFrame, references: Sequence[Reference], metrics: Mapping[str, Mapping[str, Any]], lost: Mapping[str, str] | None = None
 ) -> pd.DataFrame:
-    """A board with a column `ref.NAME` after the mean for each reference, and a note for each.
+    """A board with columns `ref.NAME` after the mean and `ref_ms_per_frame.NAME` after its cost, as references have tables, and notes.
 
     Args:
         board: of `leaderboard`; stays as it is.
@@ -39,8 +42,12 @@ def beside(
         groups.append({**told, "notes": told["notes"] + unread})
     attrs = {**attrs, "groups": groups} if "groups" in attrs else groups[0]
     columns = pd.concat(parts)
-    at = int(board.columns.get_loc("mean")) + 1  # type: ignore[arg-type]
-    result = pd.concat([board.iloc[:, :at], columns, board.iloc[:, at:]], axis=1)
+    costs = [c for c in columns.columns if c.startswith(COST_PREFIX)]
+    after_mean, after_cost = (int(board.columns.get_loc(c)) + 1 for c in ("mean", "ms_per_frame"))  # type: ignore[arg-type]
+    between = board.iloc[:, after_mean:after_cost]
+    result = pd.concat(
+        [board.iloc[:, :after_mean], columns.drop(columns=costs), between, columns[costs], board.iloc[:, after_cost:]], axis=1
+    )
     result.attrs.clear()
     result.attrs.update(attrs)
     return result
@@ -55,15 +62,24 @@ def _columns(
     board: pd.DataFrame, attrs: Mapping[str, Any], references: Sequence[Reference], metrics: Mapping[str, Mapping[str, Any]]
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     places = {c.removeprefix("p_"): v for c, v in attrs["settings"].items()} | {"scene": attrs["scene_names"]}
-    found, notes = {}, list(attrs["notes"])
+    found, notes, there = {}, list(attrs["notes"]), list(map(str, board["pipeline"]))
     for reference in references:
-        tables, why = _about(reference, attrs, metrics)
-        values = {name: _value(tables, name, places) for one in tables for name in one.values}
-        shown = {name: value for name, value in values.items() if value is not None}
-        found[PREFIX + reference.name] = [shown[p][0] if p in shown else math.nan for p in map(str, board["pipeline"])]
-        notes.append(_note(reference, shown, set(board["pipeline"]), why or _uncovered(tables, places)))
+        costs = [t for t in reference.tables if t.metric == COST]
+        if len(costs) < len(reference.tables):
+            tables, why = _about(reference, attrs, metrics)
+            shown = _shown(tables, places)
+            found[PREFIX + reference.name] = _along(there, shown)
+            notes.append(_note(reference, shown, there, why or _uncovered(tables, places)))
+        if costs:
+            shown = _shown(costs, places)
+            found[COST_PREFIX + reference.name] = _along(there, shown)
+            notes.append(_note(reference, shown, there, _uncovered(costs, places), COST))
     names = [r.name for r in references]
     return pd.DataFrame(found, index=board.index, dtype=float), {**attrs, "references": names, "notes": notes}
+
+
+def _along(pipelines: Sequence[str], shown: Shown) -> list[float]:
+    return [shown[p][0] if p in shown else math.nan for p in pipelines]
 
 
 def _about(reference: Reference, attrs: Mapping[str, Any], metrics: Mapping[str, Mapping[str, Any]]) -> tuple[list[PrintedTable], str]:
@@ -75,7 +91,7 @@ def _about(reference: Reference, attrs: Mapping[str, Any], metrics: Mapping[str,
     name = str(own["use"]).rpartition(":")[2] + attrs["metric"].removeprefix(label)
     about = [t for t in reference.tables if t.metric == name]
     if not about:
-        return [], f"it prints {', '.join(sorted({t.metric for t in reference.tables}))}, not {name}"
+        return [], f"it prints {', '.join(sorted({t.metric for t in reference.tables} - {COST}))}, not {name}"
     differing = [(key, v) for t in about for key, v in t.settings.items() if not _same_setting(own.get(key), v)]
     about = [t for t in about if all(_same_setting(own.get(key), v) for key, v in t.settings.items())]
     if not about:
@@ -83,6 +99,11 @@ def _about(reference: Reference, attrs: Mapping[str, Any], metrics: Mapping[str,
         return [], f"its {name} has {said}"
     fitting = [t for t in about if t.unit == attrs["unit"]]
     return fitting, "" if fitting else f"its unit is {about[0].unit}, not {attrs['unit']}"
+
+
+def _shown(tables: Sequence[PrintedTable], places: Mapping[str, Sequence[Any]]) -> Shown:
+    values = {name: _value(tables, name, places) for one in tables for name in one.values}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _value(tables: Sequence[PrintedTable], pipeline: str, places: Mapping[str, Sequence[Any]]) -> tuple[float, PrintedTable] | None:
@@ -120,12 +141,12 @@ def _uncovered(tables: Sequence[PrintedTable], places: Mapping[str, Sequence[Any
     return f"it does not print all of this board's values of {', '.join(paths)} (--by splits them)"
 
 
-def _note(reference: Reference, shown: Mapping[str, tuple[float, PrintedTable]], there: set[str], why: str) -> str:
+def _note(reference: Reference, shown: Shown, there: Sequence[str], why: str, what: str = "") -> str:
     if not shown:
-        return f"{reference.name} prints nothing to stand here: {why}."
+        return f"{reference.name} prints {f'no {what}' if what else 'nothing'} to stand here: {why}."
     used = list(dict.fromkeys(table.table for _, table in shown.values()))
     remarks = "".join(f" {note}." for note in dict.fromkeys(table.note for _, table in shown.values() if table.note))
     elsewhere = ", ".join(f"{name} {value:g}" for name, (value, _) in sorted(shown.items()) if name not in there)
     more = f" It also prints {elsewhere}." if elsewhere else ""
-    where = f"printed in {', '.join(used)} of {reference.citation.rstrip('.')}"
+    where = f"{what} printed in {', '.join(used)} of {reference.citation.rstrip('.')}".lstrip()
     return f"{reference.name}: {where}; neither measured nor ranked here.{remarks}{more}"

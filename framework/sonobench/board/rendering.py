@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sonobench.board.printed import PREFIX, in_group
+from sonobench.board.printed import COST_PREFIX, PREFIX, in_group
 from sonobench.errors import InputError
 
 _NUMBERS = ("mean", "fail", "cover", "ms/frame", "p", "pairs", "effect")
@@ -132,9 +132,10 @@ def _places(board: pd.DataFrame, attrs: Attrs) -> _Layout:
     digits = _digits(board["mean"])
     diff = attrs["vs"] is not None
     printed = [c for c in board.columns if c.startswith(PREFIX)]
+    costs = [c for c in board.columns if c.startswith(COST_PREFIX)]
     more = list(board.columns[list(board.columns).index("diff_p" if diff else "given") + 1 :])
     head = ["pipeline", "origin", "mean", *(f"{c.removeprefix(PREFIX)} printed" for c in printed)]
-    head += ["95% CI", "rank [95%]", "tie", "fail", "cover", "ms/frame"]
+    head += ["95% CI", "rank [95%]", "tie", "fail", "cover", "ms/frame", *(f"{c.removeprefix(COST_PREFIX)} printed" for c in costs)]
     head += ([f"diff to {attrs['vs']}", "p"] if diff else []) + more
     scales = {name: _digits(board[name]) for name in more}
     rows = []
@@ -150,7 +151,7 @@ def _places(board: pd.DataFrame, attrs: Attrs) -> _Layout:
             row["tie"] or "–",
             f"{row['failures']}{'!' if row['failures'] else ''}",
             "–" if pd.isna(row["coverage"]) else f"{100 * row['coverage']:.0f}%",
-            _number(row["ms_per_frame"], 2 if pd.notna(row["ms_per_frame"]) and row["ms_per_frame"] < 10 else 1),
+            *(_number(row[name], 2 if row[name] < 10 else 1) for name in ("ms_per_frame", *costs)),
         ]
         if diff:
             own = f"{_number(row['diff'], digits, '+')} {_range(row['diff_low'], row['diff_high'], digits, '+')}"

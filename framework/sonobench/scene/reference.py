@@ -3,7 +3,7 @@
 citation = "Chen, Chen, Yin & Hou 2012, …"
 [[tables]]
 table = "Table 2"
-metric = "ospa"                                          # a metric, and after a dot its column
+metric = "ospa"                                          # a metric, and after a dot its column; or "ms/frame", what a board's pipelines cost
 settings = { p = 2.0, c_m = 1.5 }                        # of the metric; others may be anything
 unit = "m"
 at.scene.simulator.delay_std_s = [3.9e-3, 1.25e-3]       # lists side by side: swept values, or "scene" for names of scenes
@@ -24,7 +24,8 @@ from sonobench.registry import Registry, did_you_mean
 from sonobench.tables import read_toml
 
 _KEYS = ("citation", "about", "tables")
-_TABLE_KEYS = ("table", "metric", "settings", "unit", "at", "values", "note")
+_TABLE_KEYS = ("table", "metric", "settings", "unit", "scale", "at", "values", "note")
+COST = "ms/frame"  # the boards' column of cost: no metric, since scores do not depend on the machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +34,11 @@ class PrintedTable:
 
     Attributes:
         table: where they are printed, such as "Table 2".
-        metric: use and column, such as "cardinality.are".
+        metric: use and column, such as "cardinality.are"; or COST.
         settings: the metric's parameters that they hold for.
         unit: theirs.
         at: aligned values by swept path ("scene.noise.snr_db"; "scene" is the scene's name); empty: one value a pipeline.
-        values: by pipeline, as many as `at` has.
+        values: by pipeline, as many as `at` has, in `unit`.
         note: what a reader must know to compare them.
     """
 
@@ -106,15 +107,22 @@ def reference_faults(names: Iterable[str], registry: Registry, where: str) -> It
 
 def _printed(table: Mapping[str, Any]) -> PrintedTable:
     at = {path: tuple(values) for path, values in _leaves(table.get("at", {}))}
-    values = {p: tuple(float(v) for v in (v if isinstance(v, list) else [v])) for p, v in table["values"].items()}
+    scale = table.get("scale", 1.0)
+    values = {p: tuple(scale * float(v) for v in (v if isinstance(v, list) else [v])) for p, v in table["values"].items()}
     return PrintedTable(table["table"], table["metric"], table.get("settings", {}), table["unit"], at, values, table.get("note", ""))
 
 
 def _faults(table: Mapping[str, Any], registry: Registry) -> Iterator[str]:
     yield from (f"{key}: no such key{did_you_mean(key, _TABLE_KEYS)}" for key in table if key not in _TABLE_KEYS)
     yield from _texts(table, ("table", "metric", "unit"))
-    if isinstance(table.get("metric"), str):
+    if table.get("metric") == COST:
+        if table.get("settings") or table.get("unit") != "ms":
+            yield f"metric: {COST} has no settings and the unit ms, got {table.get('settings', {})!r} and {table.get('unit')!r}"
+    elif isinstance(table.get("metric"), str):
         yield from _metric_faults(table["metric"].partition(".")[0], table.get("settings", {}), registry)
+    scale = table.get("scale", 1.0)
+    if not isinstance(scale, (int, float)) or isinstance(scale, bool) or not 0 < scale < math.inf:
+        yield f"scale: a number above 0 is needed, got {scale!r}"
     at = table.get("at", {})
     if not isinstance(at, Mapping):
         yield f"at: lists by swept path are needed, got {at!r}"

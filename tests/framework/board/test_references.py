@@ -128,6 +128,43 @@ def test_all_faults_of_a_reference_are_told_at_once():
         assert said in text
 
 
+COST = {"table": "Table 7", "metric": "ms/frame", "unit": "ms", "scale": 1e3, "values": {"good": 0.25}}
+
+
+def test_printed_times_stand_beside_the_measured_ones_and_not_beside_the_metric():
+    board = leaderboard(*swept(), "ospa")
+    table = beside(board, [reference(COST)], METRICS)
+    assert dict(zip(table["pipeline"], table["ref_ms_per_frame.paper"], strict=True))["good"] == 250.0
+    columns = list(table.columns)
+    assert columns[columns.index("ms_per_frame") + 1] == "ref_ms_per_frame.paper"
+    assert "ref.paper" not in columns
+    text = render(table)
+    assert re.search(r"ms/frame +paper printed", text)
+    assert "paper: ms/frame printed in Table 7 of Doe 2020" in text
+    both = render(beside(board, [reference(COST, TABLE)], METRICS))
+    assert re.search(r"mean +paper printed.*ms/frame +paper printed", both)
+
+
+def test_a_time_printed_for_another_scene_is_not_shown_and_the_board_says_why():
+    elsewhere = COST | {"at": {"scene": ["cellar"]}, "values": {"good": [0.25]}}
+    table = beside(leaderboard(*swept(), "ospa"), [reference(elsewhere)], METRICS)
+    assert table["ref_ms_per_frame.paper"].isna().all()
+    assert "paper prints no ms/frame to stand here: it does not print all of this board's values of scene" in render(table)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"unit": "s"}, r"metric: ms/frame has no settings and the unit ms, got \{\} and 's'"),
+        ({"settings": {"p": 2.0}}, r"metric: ms/frame has no settings and the unit ms, got \{'p': 2.0\}"),
+        ({"scale": 0}, "scale: a number above 0 is needed, got 0"),
+    ],
+)
+def test_faults_of_printed_times_are_named(change, said):
+    with pytest.raises(TableError, match=said):
+        reference(COST | change)
+
+
 def test_two_numbers_for_one_thing_are_refused_and_the_same_number_twice_is_not():
     reference(TABLE, TABLE | {"table": "Table 4"})
     with pytest.raises(TableError, match=r"Table 4 prints 0.6 for good at \{'scene.noise.snr_db': 10.0\}, Table 2 prints 0.5"):
@@ -144,6 +181,16 @@ def test_every_shipped_reference_is_valid_and_chen2012_has_what_its_tables_print
     for one in ("ek-phd", "uk-phd", "ck-phd"):  # 25 dB and .2 s are one setting, printed in two tables
         assert chen["Table 2"].values[one][3] == chen["Table 4"].values[one][0]
         assert chen["Table 3"].values[one][3] == chen["Table 5"].values[one][0]
+
+
+def test_liang2016_has_the_times_that_its_tables_print_in_milliseconds_a_frame():
+    small, big = Reference.load("liang2016", REGISTRY).tables
+    assert small.at == {"scene.noise.snr_db": (-10, 0, 10, 20)}
+    assert small.values["phat"] == pytest.approx((24.260, 24.468, 22.588, 22.433))
+    assert sorted(small.values) == ["cc", "phat", "roth", "scot"]
+    runs_s = {name: values[0] * 50 / 1e3 for name, values in big.values.items()}  # of 50 frames
+    assert [runs_s[f"smc[particles={n},born_particles=100]"] for n in (200, 400, 600)] == pytest.approx([230.406124, 429.516077, 603.45778])
+    assert len(runs_s) == 16
 
 
 def test_no_plugin_reads_printed_values():
