@@ -9,7 +9,7 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background job: what tests start could not be interrupted
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-_LONG = ("test_main_job", "test_readme", "test_dask_engine")
+_LONG = ("test_main_job", "test_readme", "test_dask_engine")  # a module stays on one worker
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -16,8 +16,6 @@ import pandas as pd
 import pytest
 from readme import write_files
 
-pytestmark = pytest.mark.xdist_group("main-job")  # one worker, so that the quickstart runs once
-
 
 def quickstart(folder: Path, seed: int, *options: str) -> tuple[Path, subprocess.CompletedProcess[str]]:
     out = folder / "run"
@@ -78,9 +76,11 @@ def test_every_planned_trial_is_a_row(finished: tuple[Path, subprocess.Completed
 
 def test_pictures_of_best_median_and_worst_trials_are_written(finished: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
     out, _ = finished
-    done = subprocess.run(
-        [sys.executable, "-m", "sonobench", "report", str(out)], cwd=out.parent, capture_output=True, text=True, timeout=300
+    command, environment = (
+        [sys.executable, "-m", "sonobench", "report", str(out)],
+        {**os.environ, "SONOBENCH_CACHE": str(out.parent / "cache")},
     )
+    done = subprocess.run(command, cwd=out.parent, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     pictures = [Path(line) for line in done.stdout.splitlines()]
     assert len(pictures) >= 5
