@@ -72,9 +72,9 @@ class Unprinted(good.GoodDelay):
         return object.__repr__(self)
 
 
-@fault("table", "floor = 0.001, and 0.002")
+@fault("table", "floor = 1e-09, and 2e-09")
 class Doubling(good.GoodDelay):
-    floor: float = 0.0005
+    floor: float = 5e-10
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "floor", 2 * self.floor)
@@ -383,6 +383,43 @@ class Backwards(good.GoodDelay):
 @fault("delay.silence", "a frame of zeros gives NaN", floor=0.0)
 class Unfloored(good.GoodDelay):
     pass
+
+
+@fault("delay.weigh", "weigh gives shape (3, 257)")
+class OneWeight(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return super().weigh(cross, power, pairs)[..., 0, :]
+
+
+@fault("delay.weigh_mutation", "writes into its arguments")
+class OwnAverages(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        cross /= np.abs(cross) + self.floor
+        return cross
+
+
+@fault("delay.weigh_batch", "frame 0 alone and in a batch is weighed differently")
+class LoudestOfAll(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return cross * (np.abs(cross) > 0.3 * np.abs(cross).max())
+
+
+@fault("delay.weigh_level", "make what stands beside |cross| a share of it")
+class AbsoluteFloor(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return cross / (np.abs(cross) + 100.0)
+
+
+@fault("delay.weigh_silence", "with 1 of 3 microphones dead weigh gives NaN")
+class Undivided(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return cross / np.sqrt(power[..., pairs[:, 0], :] * power[..., pairs[:, 1], :])
+
+
+@fault("delay.weighed", "correlate and weigh of the same periodogram give different correlations")
+class TwoMinds(good.GoodDelay):
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return cross
 
 
 # activity

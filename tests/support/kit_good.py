@@ -143,13 +143,18 @@ class GoodPreprocessor:
 
 @dataclass(frozen=True)
 class GoodDelay:
-    """PHAT."""
+    """PHAT, also of averages."""
 
     floor: float = 1e-12
+    segments: int = 1
+    memory_s: float = 0.0
 
     def correlate(self, spectra: Any, pairs: Any) -> Any:
         cross = spectra[..., pairs[:, 0], :] * spectra[..., pairs[:, 1], :].conj()
         return np.fft.irfft(cross / (np.abs(cross) + self.floor))
+
+    def weigh(self, cross: Any, power: Any, pairs: Any) -> Any:
+        return cross / (np.abs(cross) + self.floor)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,19 @@
 
 from __future__ import annotations
 
-from sonobench.testing import front_ends, general, likelihoods, metrics, mixtures, models, preprocessors, scenes, signals, trackers  # noqa: F401  (fill CHECKS)
+from sonobench.testing import (  # noqa: F401  (fill CHECKS)
+    front_ends,
+    general,
+    likelihoods,
+    metrics,
+    mixtures,
+    models,
+    preprocessors,
+    scenes,
+    signals,
+    trackers,
+    weighing,
+)
 from sonobench.testing.kit import CHECKS, Check, Finding, check, check_file
 
 __all__ = ["CHECKS", "Check", "Finding", "check", "check_file"]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import sys
+import types
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from sonobench.errors import SetupError
 from sonobench.pipeline import scans_of
 from sonobench.signal import coherence, cross_spectra, plan_tables
-from sonobench.testing import fixtures
+from sonobench.testing import check, fixtures
 from sonobench_plugins.activity.always import Always
 from sonobench_plugins.delay.cc import Cc
 from sonobench_plugins.delay.ht import Ht
@@ -134,3 +139,13 @@ def test_segments_too_short_for_the_delays_and_nonsense_are_refused():
         RhoPhat(adapt=True)
     with pytest.raises(ValueError, match="alpha is 2"):
         Iphat(alpha=2.0)
+
+
+def test_the_estimator_of_the_plugin_page_holds_every_claim(monkeypatch):
+    page = (Path(__file__).parents[3] / "docs" / "plugins.md").read_text("utf-8")
+    (source,) = re.findall(r"```python\n(.*?class CoherentPhat.*?)```", page.split("## Delay estimators")[1], re.DOTALL)
+    module = types.ModuleType("coherent_phat")
+    monkeypatch.setitem(sys.modules, "coherent_phat", module)
+    exec(source, vars(module))
+    findings = check(module.CoherentPhat(), "delay")
+    assert {f.sentence for f in findings if f.check.startswith("delay.") and f.result != "ok"} == set()
