@@ -11,8 +11,9 @@ import numpy as np
 from sonobench.errors import SonobenchError
 from sonobench.geometry import place
 from sonobench.registry import did_you_mean
+from sonobench.scene.noise import noise_faults
 from sonobench.scene.tables import ArrayTable, Room, Source
-from sonobench.scene.truth import GIVEN, path
+from sonobench.scene.truth import GIVEN, GIVEN_COLUMNS, path
 
 if TYPE_CHECKING:
     from sonobench.scene.scene import Scene
@@ -40,15 +41,30 @@ def faults(scene: Scene) -> list[str]:
     for name, source in scene.sources.items():
         found += [f"sources.{name}.{fault}" for fault in _source(source, scene)]
     found += [*_labels(scene), *_clips(scene)]
-    if scene.noise is not None and not np.isfinite(scene.noise.snr_db):
-        found.append(f"noise.snr_db: is {scene.noise.snr_db}; a finite number is needed (leave noise out for none)")
+    if scene.noise is not None:
+        found += [f"noise.{fault}" for fault in noise_faults(scene.noise, scene.arrays)]
     for name in scene.given:
         if name not in GIVEN:
             found.append(
                 f"given: nothing is known as {name!r}{did_you_mean(name, GIVEN)}; there are {sorted(GIVEN)} (write arrays of your own in [given_arrays])"
             )
+    if "snr_db" in scene.given and scene.noise is not None and scene.noise.snr_db is None:
+        found.append("given: snr_db is not known where the noise has a variance; leave it out, or write noise.snr_db")
     found += [f"given_arrays.{name}: is also in given; write it once" for name in scene.given_arrays if name in scene.given]
+    found += [f"given_std.{fault}" for fault in _given_std(scene)]
     return found
+
+
+def _given_std(scene: Scene) -> Iterator[str]:
+    columns = {
+        **{name: GIVEN_COLUMNS[name] for name in scene.given if name in GIVEN_COLUMNS},
+        **{name: value.shape[-1] for name, value in scene.given_arrays.items() if value.ndim},
+    }
+    for name, std in scene.given_std.items():
+        if name not in columns:
+            yield f"{name}: only what is given can have errors{did_you_mean(name, columns)}; here {sorted(columns) or 'nothing'}"
+        elif std.shape != (columns[name],) or not (np.isfinite(std) & (std >= 0)).all():
+            yield f"{name}: is {std.tolist()}; {columns[name]} numbers of 0 or more, one a column, are needed"
 
 
 _POSITIVE = ("duration_s", "rate_hz", "c_m_s", "period_s")

@@ -24,7 +24,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -57,11 +57,13 @@ class Scene:
     rate_hz: float = 16000.0  #: of arrays that have no rate of their own
     c_m_s: float = 343.0  #: speed of sound
     period_s: float = 0.1  #: evaluation period of the truth; a measurement-level scene also scans at it
+    evaluate_at: Literal["end", "centre"] = "end"  #: of each period; "centre": where frames of one period have theirs
     room: Room | None = None  #: None: free field
     noise: Noise | None = None  #: of the sensors; None: none
     nominal: Mapping[str, float] = field(default_factory=dict)  #: scalars that a pipeline's unset parameters take
     given: tuple[str, ...] = ()  #: what pipelines may ask for, computed from the truth (`truth.GIVEN` lists it)
     given_arrays: Mapping[str, Array] = field(default_factory=dict)  #: the same, stated
+    given_std: Mapping[str, Array] = field(default_factory=dict)  #: standard deviations of Gaussian errors by column of what is given
     table: Mapping[str, Any] = field(default_factory=dict, init=False, repr=False)  #: the whole table, once loaded from one
 
     def __post_init__(self) -> None:

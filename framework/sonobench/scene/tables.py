@@ -74,14 +74,21 @@ class Source:
         return np.array([[0.0, duration_s]]) if self.intervals is None else self.intervals
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Noise:
-    """Independent noise of equal power on every microphone of an array.
+    """Gaussian noise of the sensors, independent between elements: equally strong on all microphones, of its own strength on velocity channels.
 
-    The signal-to-noise ratio is the power of the noise-free mixture (all sources, direct sound and reverberation),
-    averaged over the array's microphones and over the samples within any source's activity interval, over the
-    noise's power.
+    Either `snr_db` or `variance` says how strong it is. The signal-to-noise ratio is a noise-free power over the noise's, both of
+    pressure: that of the mixture (all sources, direct sound and reverberation), averaged over the array's elements and over the samples
+    within any source's activity interval; or, against "source", that of one source alone within its own intervals, averaged over the sources.
     """
 
-    snr_db: float  #: see above
+    snr_db: float | None = None  #: see above
+    variance: float | None = None  #: instead: mean square on a microphone, or on the pressure channel of a vector sensor
+    against: Literal["mixture", "source"] = "mixture"  #: what snr_db compares with
     kind: Literal["white", "pink"] = "white"  #: "pink": 1/f from 20 Hz on
+    velocity_db: float | tuple[float, ...] | None = (
+        None  #: power on a velocity channel over that on the pressure channel: one, or x, y, z; None: 0
+    )
+    velocity_variance: float | tuple[float, ...] | None = None  #: instead: mean square, one, or x, y, z
+    correlation: Array | None = None  #: (4, 4) between the channels p, vx, vy, vz of an element; None: independent

@@ -3,16 +3,17 @@
 A source exists from the start of its first interval to the end of its last, both included, pauses too. It is active
 while one of its intervals lasts and its clean signal is not in a silence of its own: the mean power within ±100 ms lies
 above −40 dB of the power of its loudest 100 ms. Without audio it is active during its intervals.
-Evaluation times are the multiples 1, 2, … of `period_s` up to the scene's end.
+Evaluation times are the ends of the periods of `period_s`, its multiples 1, 2, … up to the scene's end, or where the scene says so their centres.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sonobench.scene.seeds import generator
 from sonobench.types import Array, Bools, Truth
 
 if TYPE_CHECKING:
@@ -25,9 +26,10 @@ _REACH_S = 0.1
 _SILENCE = 1e-4  # −40 dB
 
 
-def evaluation_times(duration_s: float, period_s: float) -> Array:
-    """(k,) s, period, 2 period, … up to the duration."""
-    return np.asarray(period_s * np.arange(1, int(duration_s / period_s + 1e-9) + 1), float)
+def evaluation_times(duration_s: float, period_s: float, at: Literal["end", "centre"] = "end") -> Array:
+    """(k,) s, one in each period that ends within the duration: period, 2 period, … or half a period before."""
+    number = np.arange(1, int(duration_s / period_s + 1e-9) + 1)
+    return np.asarray(period_s * (number if at == "end" else number - 0.5), float)
 
 
 def path(source: Source, duration_s: float, time_s: Array) -> Array:
@@ -56,7 +58,7 @@ def loud(samples: Array, rate_hz: float, time_s: Array) -> Bools:
 
 def truth_of(scene: Scene, sounds: Mapping[str, tuple[float, Array]] | None = None) -> Truth:
     """The truth of a scene; `sounds` are the clean signals (rate, samples (n,)) by source, None without audio."""
-    time_s = evaluation_times(scene.duration_s, scene.period_s)
+    time_s = evaluation_times(scene.duration_s, scene.period_s, scene.evaluate_at)
     shape = (len(time_s), len(scene.sources))
     position, velocity = np.zeros((*shape, 3)), np.zeros((*shape, 3))
     exists, active = np.zeros(shape, bool), np.zeros(shape, bool)
@@ -113,7 +115,7 @@ def _activity(scene: Scene) -> Array:
 
 
 def _snr_db(scene: Scene) -> Array:
-    return np.array([np.inf if scene.noise is None else scene.noise.snr_db])
+    return np.array([np.inf if scene.noise is None or scene.noise.snr_db is None else scene.noise.snr_db])
 
 
 #: what a scene can hand out by name. "starts": (n, 7) rows t, x, y, z, vx, vy, vz of every source's start, SI units;
@@ -128,6 +130,15 @@ GIVEN: Mapping[str, Callable[[Scene], Array]] = {
 }
 
 
-def given_of(scene: Scene) -> dict[str, Array]:
-    """The arrays that the scene hands out to pipelines that ask."""
-    return {**{name: GIVEN[name](scene) for name in scene.given}, **scene.given_arrays}
+#: columns of what may be handed out with errors
+GIVEN_COLUMNS: Mapping[str, int] = {"starts": 7, "births": 3}
+
+
+def given_of(scene: Scene, seed: int) -> dict[str, Array]:
+    """The arrays that the scene hands out to pipelines that ask, with the errors of `given_std` drawn for this seed."""
+    exact = {**{name: GIVEN[name](scene) for name in scene.given}, **scene.given_arrays}
+    return {name: _with_errors(value, scene.given_std.get(name), seed, name) for name, value in exact.items()}
+
+
+def _with_errors(value: Array, std: Array | None, seed: int, name: str) -> Array:
+    return value if std is None else value + std * generator(seed, f"given/{name}").standard_normal(value.shape)

@@ -99,7 +99,7 @@ class Measurements:
                 **{name: value for name, value in error.items() if value is not None},
                 **scene.nominal,
             },
-            given=given_of(scene),
+            given=given_of(scene, seed),
         )
         return Rendering(header, (), tuple(scans), truth, {}, provenance(scene, seed, {}))
 

@@ -16,7 +16,7 @@ import numpy as np
 from sonobench.errors import InputError
 from sonobench.protocols import SoundSignal
 from sonobench.registry import Registry
-from sonobench.scene.render import resampled
+from sonobench.scene.resampling import resampled
 from sonobench.types import Array
 
 _SUFFIXES = (".wav", ".flac")

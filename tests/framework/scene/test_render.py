@@ -5,7 +5,9 @@ import pytest
 from scene_tables import copies, registry, scene
 
 from sonobench.errors import InputError, TableError
-from sonobench.scene.render import assemble, emit, mixture_power, resampled
+from sonobench.scene.reception import mixture_power
+from sonobench.scene.render import assemble, emit
+from sonobench.scene.resampling import resampled
 from sonobench.scene.scene import Scene
 from sonobench.types import identical
 
@@ -150,8 +152,8 @@ def test_the_header_hands_out_geometry_nominal_and_given():
     assert len(set(header.reflections)) == 1
 
 
-def test_vector_sensors_are_refused_for_now():
-    with pytest.raises(TableError, match=r"arrays\.walls\.kind: rendering vector sensors comes later"):
+def test_vector_sensors_are_refused_where_a_simulator_does_not_know_them():
+    with pytest.raises(TableError, match=r"arrays\.walls\.kind: ImageMethod renders pressure alone"):
         assemble(scene(arrays={"walls": {"kind": "avs"}}), 1, copies)
 
 

@@ -51,7 +51,8 @@ def test_given_arrays_are_computed_from_the_truth():
             {**MEASURED, "given": ["births", "starts", "source_count", "activity", "snr_db"]},
             noise={"snr_db": 12.0},
             given_arrays={"own": [[1, 2]]},
-        )
+        ),
+        seed=1,
     )
     np.testing.assert_allclose(given["starts"], [[0.2, 1, 1, 1.5, 1, 0, 0], [0, 2, 2, 1.5, 0, 0, 0]], atol=1e-9)
     np.testing.assert_array_equal(given["births"], given["starts"][:, 1:4])
