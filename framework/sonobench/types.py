@@ -452,6 +452,74 @@ class DelayTable(_Travels):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DirectionSpectrum(_Travels):
+    """The expected number of sources per steradian of each vector sensor, from the subspace that they span.
+
+        rho(u) = height · (1 + bᵀ P b / bᵀ T b)^(−power),      b = [1; u]/√2, or its 10 distinct products (those of two channels times √2)
+
+    P projects on the noise subspace, to which sources are orthogonal, T says by how much they are expected to miss it.
+
+    Attributes:
+        noise: (Q, b, b) P, b 4 or 10, one a sensor of the setup.
+        spread: (Q, b, b) T.
+        height: (Q,) such that the integral over the sphere is the number of sources found; 0 where none was.
+        power: (Q,).
+        heard: (Q,) bool; False where the sensor says nothing.
+    """
+
+    kind: ClassVar[str] = "direction-spectrum"
+    noise: Array
+    spread: Array
+    height: Array
+    power: Array
+    heard: Bools
+
+    def __post_init__(self) -> None:
+        noise = read_only(self.noise, shape=(None, None, None), name="direction spectrum: noise")
+        if noise.shape[1:] not in ((4, 4), (10, 10)):
+            raise ValueError(f"direction spectrum: noise has shape {noise.shape}; (Q, 4, 4) or (Q, 10, 10) is needed")
+        rows = len(noise)
+        self._set(
+            noise=noise,
+            spread=read_only(self.spread, shape=noise.shape, name="direction spectrum: spread"),
+            height=read_only(self.height, shape=(rows,), name="direction spectrum: height"),
+            power=read_only(self.power, shape=(rows,), name="direction spectrum: power"),
+            heard=read_only(self.heard, np.bool_, (rows,), "direction spectrum: heard"),
+        )
+
+    @property
+    def unit(self) -> str:
+        """Sources per steradian."""
+        return "1/sr"
+
+    def at(self, z: Floats, sensor: Ints) -> Floats:
+        """rho (…, q) towards azimuths and elevations z (…, q, 2), in the array's frame, of the sensors (q,)."""
+        z = np.asarray(z, float)
+        found = np.empty(z.shape[:-1])
+        for column, q in enumerate(sensor):
+            found[..., column] = self._of(z[..., column, :], int(q))
+        return found
+
+    def _of(self, z: Floats, q: int) -> Floats:
+        level = np.cos(z[..., 1])
+        u = level * np.cos(z[..., 0]), level * np.sin(z[..., 0]), np.sin(z[..., 1])
+        half, root = 0.5, math.sqrt(0.5)
+        if self.noise.shape[1] == 4:
+            b = np.stack([np.full(level.shape, root), *(root * part for part in u)])
+        else:  # in the order of the distinct pairs of channels
+            x, y, w = u
+            r = root  # √2/2
+            b = np.stack(
+                [np.full(level.shape, half), r * x, r * y, r * w, half * x * x, r * x * y, r * x * w, half * y * y, r * y * w, half * w * w]
+            )
+        flat = b.reshape(len(b), -1)
+        missed = (flat * (self.noise[q] @ flat)).sum(axis=0)
+        expected = (flat * (self.spread[q] @ flat)).sum(axis=0)
+        ratio = np.maximum(missed, 0.0) / np.maximum(expected, np.finfo(float).tiny)
+        return np.asarray(self.height[q] * np.exp(-self.power[q] * np.log1p(ratio))).reshape(level.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Scan(_Travels):
     """What a tracker gets for one frame.
 

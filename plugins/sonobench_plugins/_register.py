@@ -48,6 +48,10 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "langevin": f"{_HERE}.motion.langevin:Langevin",
             "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
             "coordinated-turn": f"{_HERE}.motion.coordinated_turn:CoordinatedTurn",
+            "bearing-velocity": f"{_HERE}.motion.bearing_velocity:BearingVelocity",
+            "bearing-acceleration": f"{_HERE}.motion.bearing_acceleration:BearingAcceleration",
+            "bearing-turn": f"{_HERE}.motion.bearing_turn:BearingTurn",
+            "imm": f"{_HERE}.motion.imm:Imm",
         },
         "measurement": {
             "tdoa": f"{_HERE}.measurement.tdoa:Tdoa",
@@ -55,7 +59,14 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "position": f"{_HERE}.measurement.position:Position",
             "direction": f"{_HERE}.measurement.direction:Direction",
         },
-        "likelihood": {"tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField"},
+        "likelihood": {
+            "tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField",
+            "direction-spectrum": f"{_HERE}.likelihood.direction_spectrum:SpectrumLikelihood",
+        },
+        "spectrum": {
+            "cumulant": f"{_HERE}.spectrum.cumulant:CumulantSpectrum",
+            "covariance": f"{_HERE}.spectrum.covariance:CovarianceSpectrum",
+        },
         "transform": {
             "linearised": f"{_HERE}.transform.linearised:Linearised",
             "unscented": f"{_HERE}.transform.unscented:Unscented",
@@ -91,6 +102,10 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "ospa2": f"{_HERE}.metric.ospa2:Ospa2",
             "label-switches": f"{_HERE}.metric.label_switches:LabelSwitches",
             "delay-error": f"{_HERE}.metric.delay_error:DelayError",
+            "direction-error": f"{_HERE}.metric.direction_error:DirectionError",
+            "direction-bound": f"{_HERE}.metric.direction_bound:DirectionBound",
+            "direction-posterior-bound": f"{_HERE}.metric.direction_posterior_bound:DirectionPosteriorBound",
+            "ospa-direction": f"{_HERE}.metric.ospa_direction:OspaDirection",
         },
         "sound": {
             "clip": f"{_HERE}.sound.clip:Clip",

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sonobench.protocols import Rendering
-from sonobench.types import Block, DelayTable, Detections, Estimate, Header, MicArray, Scan, Sensor, Space, Truth
+from sonobench.types import Block, DelayTable, Detections, DirectionSpectrum, Estimate, Header, MicArray, Scan, Sensor, Space, Truth
 
 RATE_HZ = 800.0
 
@@ -123,12 +123,20 @@ def delay_tables(draw: Any) -> DelayTable:
 
 
 @st.composite
+def direction_spectra(draw: Any) -> DirectionSpectrum:
+    rows, b = draw(st.integers(0, 2)), draw(st.sampled_from([4, 10]))
+    shape = (rows, b, b)
+    heard = draw(_array((rows,), np.bool_, st.booleans()))
+    return DirectionSpectrum(draw(_array(shape)), draw(_array(shape)), draw(_array((rows,))), draw(_array((rows,))), heard)
+
+
+@st.composite
 def scans(draw: Any) -> Scan:
     return Scan(
         time_s=draw(_times),
         searched=draw(_array((draw(st.integers(0, 3)),), np.bool_, st.booleans())),
         detections=tuple(draw(st.lists(detections(), max_size=2))),
-        fields=draw(st.dictionaries(_names, delay_tables(), max_size=2)),
+        fields=draw(st.dictionaries(_names, delay_tables() | direction_spectra(), max_size=2)),
         pose=draw(_or_none(_array((draw(st.integers(0, 2)), 4, 4)))),
         extra=draw(st.dictionaries(_names, st.sampled_from([(), (0,), (2, 0, 3), (1, 2)]).flatmap(_array), max_size=2)),
     )

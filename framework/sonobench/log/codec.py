@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sonobench.log.schemas import FIELDS, message_class
-from sonobench.types import DelayTable, Detections, Estimate, Header, MicArray, Scan, Sensor, Setup, Space, Truth
+from sonobench.types import DelayTable, Detections, DirectionSpectrum, Estimate, Header, MicArray, Scan, Sensor, Setup, Space, Truth
 
 #: message → the type that it carries
 TYPES: Mapping[str, type] = {
@@ -22,6 +22,7 @@ TYPES: Mapping[str, type] = {
     "Setup": Setup,
     "Detections": Detections,
     "DelayTable": DelayTable,
+    "DirectionSpectrum": DirectionSpectrum,
     "MeasurementFrame": Scan,
     "EstimateFrame": Estimate,
 }
@@ -206,17 +207,32 @@ def _take_array(kind: str, message: Any, field: str) -> NDArray[Any] | None:
 
 
 def _put_mapping(kind: str, values: Mapping[str, Any]) -> list[Any]:
-    put = _converters(FIELDS[kind][1].split()[1])[0]
-    return [message_class(kind)(name=name, value=_named(name, put, values[name])) for name in sorted(values)]
+    return [_put_entry(kind, name, values[name]) for name in sorted(values)]
 
 
-def _named(name: str, put: _Put, value: Any) -> Any:
+def _put_entry(kind: str, name: str, value: Any) -> Any:
+    """An entry of the mapping, its value in the field that carries its type, or else in the first."""
+    fields = _values(kind)
+    field = next((f for f, item in fields if TYPES.get(item) is type(value)), fields[0][0])
+    put = _converters(dict(fields)[field])[0]
     try:
-        return put(value)
+        return message_class(kind)(**{"name": name, field: put(value)})
     except ValueError as error:
         raise ValueError(f"{name!r}: {error}") from None
 
 
 def _take_mapping(kind: str, message: Any, field: str) -> dict[str, Any]:
-    take = _converters(FIELDS[kind][1].split()[1])[1]
-    return {entry.name: take(entry, "value") for entry in getattr(message, field)}
+    return {entry.name: _take_entry(kind, entry) for entry in getattr(message, field)}
+
+
+def _take_entry(kind: str, entry: Any) -> Any:
+    """The value of an entry of a mapping, from whichever field holds it."""
+    fields = _values(kind)
+    field = next((f for f, _ in fields if len(fields) > 1 and entry.HasField(f)), fields[0][0])
+    return _converters(dict(fields)[field])[1](entry, field)
+
+
+@cache
+def _values(kind: str) -> tuple[tuple[str, str], ...]:
+    """The fields of a mapping's entries that may hold the value, and their types."""
+    return tuple((name, item) for name, item in (field.split() for field in FIELDS[kind][1:]))

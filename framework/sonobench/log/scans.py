@@ -22,7 +22,7 @@ def write_scans(path: Path | str, setup: Setup, scans: Iterable[Scan]) -> None:
     """Write a setup and its scans.
 
     Raises:
-        ValueError: a scan holds a field other than a DelayTable; nothing is written.
+        ValueError: a scan holds a field other than a DelayTable or a DirectionSpectrum; nothing is written.
         InputError: the folder cannot be written.
     """
     frames = [encode("MeasurementFrame", scan) for scan in scans]

@@ -25,7 +25,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     # entries of mappings
     "NamedNumber": ("name string", "value double"),
     "NamedArray": ("name string", "value Doubles"),
-    "NamedTable": ("name string", "value DelayTable"),
+    "NamedTable": ("name string", "value DelayTable", "spectrum DirectionSpectrum"),  # a field: one of the two
     # what a recording says of itself
     "Space": ("names string[]", "periods double[]"),
     "Sensor": ("name string", "array string", "kind string", "elements Doubles", "space Space", "pairs Integers"),
@@ -73,6 +73,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "SampleBlock": ("name string", "first_sample int64", "rate_hz double", "channels int64", "format string", "data bytes"),
     "Detections": ("z Doubles", "sensor Integers", "R Doubles", "score Doubles", "valid Flags"),
     "DelayTable": ("values Floats", "start_s double", "step_s double", "unit string"),
+    "DirectionSpectrum": ("noise Doubles", "spread Doubles", "height Doubles", "power Doubles", "heard Flags"),
     "MeasurementFrame": (
         "time_s double",
         "searched Flags",
