@@ -136,7 +136,15 @@ class Activity(Protocol):
 
 @runtime_checkable
 class Motion(Protocol):
-    """How targets move. `mode` (n,) int sits beside particles and components alike; dt_s is never assumed constant."""
+    """How targets move. `mode` (n,) int sits beside particles and components alike; dt_s is never assumed constant.
+
+    A model with n_modes > 1 also has
+
+        branches(x, P, mode, dt_s, memory=None)
+
+    probability (n, n_modes) of each next mode, and means (n, n_modes, d) and covariances (n, n_modes, d, d) of the Gaussians by each.
+    `mode` is that before the step throughout; `moments` are those of all branches together.
+    """
 
     @property
     def space(self) -> Space:

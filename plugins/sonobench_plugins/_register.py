@@ -85,6 +85,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gm-phd": f"{_HERE}.tracker.gm_phd:GaussianMixturePhd",
             "smc-phd": f"{_HERE}.tracker.smc_phd:ParticlePhd",
             "lmb": f"{_HERE}.tracker.lmb:LabelledMultiBernoulli",
+            "delta-glmb": f"{_HERE}.tracker.delta_glmb:DeltaGlmb",
             "tbd": f"{_HERE}.tracker.tbd:TrackBeforeDetect",
             "gaussian-filter": f"{_HERE}.tracker.gaussian_filter:GaussianFilter",
             "best-detection": f"{_HERE}.tracker.best_detection:BestDetection",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import cache
 from types import ModuleType
+from typing import Any, cast
 
 import numpy as np
 
@@ -44,11 +45,24 @@ def take(mixture: Mixture, which: Ints | Bools) -> Mixture:
 
 
 def predict(mixture: Mixture, motion: Motion, p_s: float, dt_s: float) -> Mixture:
-    """Survivors after dt_s: weights times p_s, moments through the motion model (Vo & Ma 2006, eq. 24)."""
+    """Survivors after dt_s: weights times p_s, moments through the motion model (Vo & Ma 2006, eq. 24).
+
+    Under a motion of several modes each component becomes one of each mode that it may be in by then (Pasha, Vo, Tuan & Ma 2009).
+    """
     if len(mixture.w) == 0:
         return mixture
-    m, P = motion.moments(mixture.m, mixture.P, mixture.mode, dt_s)
-    return Mixture(mixture.w * p_s, m, P, mixture.mode)
+    if motion.n_modes == 1:
+        m, P = motion.moments(mixture.m, mixture.P, mixture.mode, dt_s)
+        return Mixture(mixture.w * p_s, m, P, mixture.mode)
+    probability, m, P = cast(Any, motion).branches(mixture.m, mixture.P, mixture.mode, dt_s)
+    w, d = (mixture.w * p_s)[:, None] * probability, m.shape[-1]
+    mode = np.broadcast_to(np.arange(motion.n_modes, dtype=np.int64), w.shape)
+    return take(Mixture(w.ravel(), m.reshape(-1, d), P.reshape(-1, d, d), mode.ravel()), w.ravel() > 0)
+
+
+def any_mode(mixture: Mixture) -> Mixture:
+    """The mixture with all components in one mode, so that `merge` joins what differs in its mode only."""
+    return mixture._replace(mode=np.zeros_like(mixture.mode))
 
 
 def prune(mixture: Mixture, weight: float) -> Mixture:

@@ -13,13 +13,15 @@ Update = Literal["iterated", "stacked"]
 JointUpdate = Literal["iterated", "stacked", "joint"]
 
 
-def bound(motion: Motion, measurement: Measurement, setup: Setup, update: JointUpdate, who: str, several: bool = False) -> BoundMeasurement:
-    """The measurement model on this setup, for a tracker of one motion mode and, unless `several`, one detection a target and sensor.
+def bound(
+    motion: Motion, measurement: Measurement, setup: Setup, update: JointUpdate, who: str, several: bool = False, modes: bool = False
+) -> BoundMeasurement:
+    """The measurement model on this setup, for a tracker of one motion mode, unless `modes`, and one detection a target and sensor, unless `several`.
 
     Raises:
         SetupError: the models do not fit each other, the setup or the tracker; names both sides.
     """
-    if motion.n_modes != 1:
+    if motion.n_modes != 1 and not modes:
         raise SetupError(f"{who} tracks one motion mode; motion {type(motion).__name__} has {motion.n_modes}")
     model = measurement.bind(motion.space, setup)
     if model.n_modes != 1 and not several:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sonobench.geometry import lift, max_delay, pair_delays
+from sonobench.geometry import angles, lift, max_delay, pair_delays
 from sonobench.types import Array, Block, DelayTable, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
 
 BOX_M = np.array([[0.0, 0.0, 0.0], [4.0, 3.0, 2.5]])
@@ -22,14 +22,24 @@ PERIOD_S = 0.1
 RATE_HZ = 16000.0
 DELAY_STD_S = 4e-5
 POSITION_STD_M = 0.02
+DIRECTION_STD_RAD = 0.02
 PAIRS = np.array([[0, 1], [2, 3], [4, 5], [6, 7]])
 NOMINAL = {
     "p_d": 0.95,
     "clutter_per_scan": 0.5,
     "delay_std_s": DELAY_STD_S,
     "position_std_m": POSITION_STD_M,
+    "direction_std_rad": DIRECTION_STD_RAD,
     "height_m": HEIGHT_M,
     "count": 2.0,
+}
+#: what a scene of a vector sensor writes into its truth
+PARAMETERS = {
+    **{f"origin_{axis}_m": 0.0 for axis in "xyz"},
+    "source_variance": 1.0,
+    "pressure_noise_variance": 0.5,
+    "velocity_noise_variance": 0.2,
+    "snapshots": 1000.0,
 }
 _ON_WALLS = np.array(
     [[0.05, 1.2], [0.05, 1.8], [3.95, 1.2], [3.95, 1.8], [1.7, 0.05], [2.3, 0.05], [1.7, 2.95], [2.3, 2.95]],
@@ -52,12 +62,13 @@ def microphones(planar: bool = False) -> Array:
 
 
 def sensors(grouping: str, planar: bool = False) -> tuple[Sensor, ...]:
-    """ "pairs": four sensors of one delay; "stack": one of four; "both": the stack and then the pairs; "positions": one of x and y."""
+    """ "pairs": four sensors of one delay; "stack": one of four; "both": the stack and then the pairs; "positions": one of x and y; "directions": one."""
     mics = microphones(planar)
     stack = Sensor("stack", "walls", "tdoa", mics, Space(tuple(f"tau{p}_s" for p in range(4))), PAIRS)
     pairs = tuple(Sensor(f"pair-{p}", "walls", "tdoa", mics[ij], Space.of("tau_s"), np.array([[0, 1]])) for p, ij in enumerate(PAIRS))
     floor = Sensor("position", "walls", "position", np.zeros((0, 3)), Space.of("x_m", "y_m"))
-    return {"pairs": pairs, "stack": (stack,), "both": (stack, *pairs), "positions": (floor,)}[grouping]
+    ear = Sensor("direction", "walls", "direction", np.array([[2.0, 0.3, 0.4]]), Space.of("azimuth_rad", "elevation_rad"))
+    return {"pairs": pairs, "stack": (stack,), "both": (stack, *pairs), "positions": (floor,), "directions": (ear,)}[grouping]
 
 
 def setup(grouping: str = "pairs", planar: bool = False) -> Setup:
@@ -112,7 +123,7 @@ def scan(setup: Setup, time_s: float, points: Array, rng: np.random.Generator, c
     groups: dict[int, list[tuple[int, Array]]] = {}
     for q, unit in enumerate(setup.sensors):
         low, high = limits(unit, setup.c_m_s)
-        noise = noise_s if unit.kind == "tdoa" else POSITION_STD_M / 2
+        noise = noise_s if unit.kind == "tdoa" else deviation(unit) / 2
         true = measured_of(points, unit, setup.c_m_s)
         seen = np.clip(true + noise * rng.standard_normal(true.shape), low, high)
         rows = np.concatenate([seen, rng.uniform(low, high, (clutter, len(high)))])
@@ -141,13 +152,22 @@ def limits(unit: Sensor, c_m_s: float) -> tuple[Array, Array]:
     """The lowest and highest (dz,) that a sensor can measure."""
     if unit.kind == "position":
         return BOX_M[0, : len(unit.space)], BOX_M[1, : len(unit.space)]
+    if unit.kind == "direction":
+        return np.array([-np.pi, -np.pi / 2]), np.array([np.pi, np.pi / 2])
     high = max_delay(unit.elements, unit.pairs, c_m_s)
     return -high, high
+
+
+def deviation(unit: Sensor) -> float:
+    """The nominal deviation of what a sensor measures."""
+    return {"tdoa": DELAY_STD_S, "direction": DIRECTION_STD_RAD}.get(unit.kind, POSITION_STD_M)
 
 
 def measured_of(points: Any, unit: Sensor, c_m_s: float) -> Array:
     """Noise-free measurements (…, dz) of points (…, 2 or 3)."""
     points = lift(points, HEIGHT_M)
+    if unit.kind == "direction":
+        return np.asarray(angles(points - unit.elements[0]))
     return np.asarray(points[..., : len(unit.space)] if unit.kind == "position" else pair_delays(points, unit.elements, unit.pairs, c_m_s))
 
 
@@ -253,23 +273,26 @@ def truth(k: int = 10) -> Truth:
     times_s = regular(k)
     there = np.ones((k, 2), bool)
     velocity = np.gradient(talkers(times_s), times_s, axis=0)
-    return Truth(times_s, np.array([1, 2]), talkers(times_s), there, there, velocity=velocity, period_s=PERIOD_S)
+    return Truth(times_s, np.array([1, 2]), talkers(times_s), there, there, velocity=velocity, period_s=PERIOD_S, parameters=PARAMETERS)
 
 
 def nobody(k: int = 10) -> Truth:
     """Truth without targets."""
     none: Any = np.zeros((k, 0), bool)
-    return Truth(regular(k), np.zeros(0, int), np.zeros((k, 0, 3)), none, none, velocity=np.zeros((k, 0, 3)), period_s=PERIOD_S)
+    still = np.zeros((k, 0, 3))
+    return Truth(regular(k), np.zeros(0, int), still, none, none, velocity=still, period_s=PERIOD_S, parameters=PARAMETERS)
 
 
 def gaussians(space: Space, n: int = 5) -> tuple[Array, Array, Any]:
     """n Gaussians around the middle of the room, slow; mode 0."""
     rng = np.random.default_rng(8)
     root = 0.3 * np.random.default_rng(0).standard_normal((n, len(space), len(space)))
+    angular = np.array([name.split("_")[0] in ("azimuth", "elevation") for name in space.names])
+    root = np.where(angular[:, None], 0.2, 1.0) * root  # within a hemisphere
     middle = [1.5 if name in ("x_m", "y_m", "z_m") else 0.2 for name in space.names]
     return (
-        np.array(middle) + 0.3 * rng.standard_normal((n, len(space))),
-        np.asarray(root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(len(space))),
+        np.array(middle) + np.where(angular, 0.1, 0.3) * rng.standard_normal((n, len(space))),
+        np.asarray(root @ np.swapaxes(root, 1, 2) + np.diag(np.where(angular, 4e-4, 0.01))),
         np.zeros(n, np.int64),
     )
 
@@ -310,7 +333,7 @@ class LinearMeasurement:
 
 @dataclass(frozen=True, eq=False)
 class SensorMeasurement:
-    """The delays or positions that a setup's sensors measure, with a Jacobian by differences: what births are tried with."""
+    """The delays, positions or directions that a setup's sensors measure, with a Jacobian by differences: what births are tried with."""
 
     space: Space
     setup: Setup
@@ -341,7 +364,7 @@ class SensorMeasurement:
     def R(self, q: int, scan: Any = None) -> Array:
         """Twice the fixture's noise."""
         unit = self.setup.sensors[q]
-        return np.eye(len(unit.space)) * (DELAY_STD_S if unit.kind == "tdoa" else POSITION_STD_M) ** 2
+        return np.eye(len(unit.space)) * deviation(unit) ** 2
 
     def p_d(self, x: Any, q: int, scan: Any = None) -> Any:
         """Nominal."""

@@ -136,6 +136,27 @@ def motion_density(case: Case) -> None:
     need(abs(ratio.mean() - 1) < error, f"exp(log_density) integrates to {ratio.mean():.3f} ± {error / 6:.3f}; 1 is needed")
 
 
+@claim("motion.branches", _MOTION, ["motion.shapes"])
+def motion_branches(case: Case) -> None:
+    """A model of several modes branches: probabilities sum to one, and the branches have the moments together."""
+    motion = case.component
+    if motion.n_modes == 1:
+        return
+    x, P, _ = fixtures.gaussians(motion.space)
+    mode = np.arange(len(x)) % motion.n_modes
+    p, m, C = (np.asarray(a) for a in motion.branches(x, P, mode, 0.7))
+    n, d = x.shape
+    got = [p.shape, m.shape, C.shape]
+    wanted = [(n, motion.n_modes), (n, motion.n_modes, d), (n, motion.n_modes, d, d)]
+    need(got == wanted, f"probabilities, means and covariances have shapes {got}; {wanted} are needed")
+    need((p >= 0).all() and np.allclose(p.sum(axis=1), 1), f"the next modes' probabilities sum to {p.sum(axis=1).tolist()}")
+    mean = np.einsum("nj,njd->nd", p, m)
+    off = m - mean[:, None]
+    cov = np.einsum("nj,njab->nab", p, C + off[..., :, None] * off[..., None, :])
+    found = motion.moments(x, P, mode, 0.7)
+    need(np.allclose(found[0], mean) and np.allclose(found[1], cov), "moments are not those of the branches together")
+
+
 def _bound(case: Case, grouping: str | None = None, nominal: Any = None) -> tuple[Any, Space, Setup]:
     """The measurement bound to the first space and setup that it takes.
 
@@ -143,7 +164,9 @@ def _bound(case: Case, grouping: str | None = None, nominal: Any = None) -> tupl
         Skip: it takes none.
     """
     reasons: list[str] = []
-    for space, name in itertools.product(fixtures.SPACES, (grouping,) if grouping else ("pairs", "stack", "both", "positions")):
+    for space, name in itertools.product(
+        fixtures.SPACES, (grouping,) if grouping else ("pairs", "stack", "both", "positions", "directions")
+    ):
         setup = fixtures.setup(name)
         setup = setup if nominal is None else dataclasses.replace(setup, nominal={**setup.nominal, **nominal})
         try:
@@ -195,13 +218,17 @@ def measurement_shapes(case: Case) -> None:
 
 @claim("measurement.residual", _MEASUREMENT, ["measurement.shapes"])
 def measurement_residual(case: Case) -> None:
-    """residual is z − ẑ, wrapped where the sensor's space is periodic."""
+    """residual is z − ẑ, wrapped where the sensor's space is periodic, or what `moved` undoes where the space is curved."""
     bound, space, setup = _bound(case)
     x = fixtures.gaussians(space)[0]
     for q in bound.sensors:
         z = np.asarray(bound.h(x, q))[:, 0, :]
         periods = np.array(setup.sensors[q].space.periods)
         found, wanted = np.asarray(bound.residual(z + periods, z[::-1], q)), setup.sensors[q].space.residual(z, z[::-1])
+        if hasattr(bound, "moved"):
+            off = setup.sensors[q].space.residual(np.asarray(bound.moved(z[::-1], found, q)), z)
+            need(np.allclose(off, 0), f"sensor {setup.sensors[q].name}: moved by the residual, ẑ is {off[0].tolist()} off z")
+            continue
         need(np.allclose(found, wanted), f"sensor {setup.sensors[q].name}: residual is {found[0].tolist()}; {wanted[0].tolist()} is needed")
 
 
@@ -237,7 +264,7 @@ def measurement_noise(case: Case) -> None:
 @claim("measurement.clutter", _MEASUREMENT, ["measurement.shapes"])
 def measurement_clutter(case: Case) -> None:
     """The clutter intensity integrates to the expected number of false rows, and is 0 far outside."""
-    for grouping in ("pairs", "stack", "positions"):
+    for grouping in ("pairs", "stack", "positions", "directions"):
         try:
             bound, _, setup = _bound(case, grouping, {"delay_std_s": 1e-8, "position_std_m": 1e-4})
         except Skip:
@@ -246,6 +273,9 @@ def measurement_clutter(case: Case) -> None:
         expected = setup.nominal["clutter_per_scan"] if own is None else own
         for q in bound.sensors:
             unit = setup.sensors[q]
+            if unit.kind == "direction":
+                _even_over_sphere(bound, q, expected)
+                continue
             if unit.kind not in ("tdoa", "position"):
                 raise Skip(f"the kit cannot integrate over sensors of kind {unit.kind!r}")
             low, high = fixtures.limits(unit, setup.c_m_s)
@@ -263,6 +293,14 @@ def measurement_clutter(case: Case) -> None:
             there = np.asarray(bound.log_clutter(np.full((1, len(reach)), far), q))
             what = "a delay of 1 s" if unit.kind == "tdoa" else "a place 100 m away"
             need(np.all(there == -np.inf), f"sensor {unit.name}: log_clutter of {what} is {there[0]:.3g}; −inf is needed")
+
+
+def _even_over_sphere(bound: Any, q: int, expected: float) -> None:
+    """Clutter of directions is per steradian."""
+    u = np.random.default_rng(4).uniform(-1.0, 1.0, (20000, 2))
+    density = np.exp(np.asarray(bound.log_clutter(np.stack([np.pi * u[:, 0], np.arcsin(u[:, 1])], axis=1), q)))
+    whole, error = 4 * np.pi * density.mean(), 4 * np.pi * 6 * density.std() / np.sqrt(len(u)) + 0.02 * expected
+    need(abs(whole - expected) < error, f"the clutter intensity integrates to {whole:.3g} over the sphere, {expected:g} a scan is expected")
 
 
 @claim("measurement.foreign", _MEASUREMENT, ["measurement.runs"])

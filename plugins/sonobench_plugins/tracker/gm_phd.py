@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sonobench.filtering.evidence import searched
-from sonobench.filtering.mixture import cap, empty, extract, merge, predict, union
+from sonobench.filtering.mixture import any_mode, cap, empty, extract, merge, predict, union
 from sonobench.filtering.phd import Moments, correct
 from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, Spawn, State, Transform
@@ -41,7 +41,7 @@ class PhdState:
 
 @dataclass(frozen=True)
 class GaussianMixturePhd:
-    """GM-PHD filter of one motion mode."""
+    """GM-PHD filter; under a motion of several modes components branch and merge within a mode, and are joined over modes to be reported."""
 
     motion: Motion = field(default_factory=Langevin)  #: how targets move
     measurement: Measurement = field(default_factory=Tdoa)  #: what sensors measure of them
@@ -75,7 +75,7 @@ class GaussianMixturePhd:
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
-        model = bound(self.motion, self.measurement, setup, self.update, "gm-phd")
+        model = bound(self.motion, self.measurement, setup, self.update, "gm-phd", modes=True)
         memory = self.birth.start(self.space, setup, model)
         if self.spawn is not None:
             self.spawn.spawned(empty(len(self.space)))
@@ -98,7 +98,8 @@ class GaussianMixturePhd:
         for q in heard:
             mixture = merge(self._update(mixture, state, scan, q), self.merge_distance)
             mixture = cap(mixture, self.max_components)
-        found = extract(mixture, self.extract_weight, self.multiplicity)
+        whole = mixture if self.motion.n_modes == 1 else merge(any_mode(mixture), self.merge_distance)
+        found = extract(whole, self.extract_weight, self.multiplicity)
         estimate = Estimate(scan.time_s, found.m, found.P, existence=found.w, count=mixture.w.sum(), info={"components": len(mixture.w)})
         if heard and self.birth.uses_scan:  # the scan that proposes them must not confirm them too
             memory, born = self.birth.propose(rng, memory, scan, mixture)

@@ -55,7 +55,7 @@ class ParticleState:
 
 @dataclass(frozen=True)
 class ParticlePhd:
-    """Bootstrap SMC-PHD filter of one motion mode."""
+    """Bootstrap SMC-PHD filter; particles carry their motion mode."""
 
     motion: Motion = field(default_factory=Langevin)  #: how targets move
     measurement: Measurement = field(default_factory=Tdoa)  #: what sensors measure of them
@@ -100,7 +100,7 @@ class ParticlePhd:
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
-        model = bound(self.motion, self.measurement, setup, self.update, "smc-phd", several=True)
+        model = bound(self.motion, self.measurement, setup, self.update, "smc-phd", several=True, modes=True)
         position_columns(self.space, "smc-phd")
         if self.extraction == "measurement" and (len(model.sensors) != 1 or model.n_modes != 1):
             raise SetupError(

@@ -47,7 +47,7 @@ class TbdState:
 
 @dataclass(frozen=True)
 class TrackBeforeDetect:
-    """Bernoulli particle filter of one motion mode."""
+    """Bernoulli particle filter; particles carry their motion mode."""
 
     motion: Motion = field(default_factory=ConstantVelocity)  #: how the target moves
     likelihood: Likelihood = field(default_factory=TdoaField)  #: what fields say of it
@@ -79,8 +79,6 @@ class TrackBeforeDetect:
         Raises:
             SetupError: a model does not fit the setup or this filter, or the room is not known.
         """
-        if self.motion.n_modes != 1:
-            raise SetupError(f"tbd tracks one motion mode; motion {type(self.motion).__name__} has {self.motion.n_modes}")
         model = self.likelihood.bind(self.space, setup)
         n = len(position_columns(self.space, "tbd"))
         variances(self.space, 0.0, 0.0, "tbd")

@@ -284,17 +284,9 @@ def test_a_pose_of_the_scan_overrides_the_setups():
     np.testing.assert_allclose(estimate.states[:, [0, 2]], [[6.0, 1.2]], atol=0.05)
 
 
-class Two:
-    """A motion of two modes, as far as it is asked."""
-
-    n_modes = 2
-    space = Langevin().space
-
-
 @pytest.mark.parametrize(
     ("tracker", "where", "says"),
     [
-        (GaussianMixturePhd(motion=Two()), scenes.setup(), "gm-phd tracks one motion mode; motion Two has 2"),
         (GaussianMixturePhd(measurement=Position(modes=5)), setup(), "one detection a target.*Position predicts up to 5"),
         (GaussianMixturePhd(update="stacked"), scenes.setup(False), "reads one sensor, measurement Tdoa reads 4.*pair/0"),
         (GaussianMixturePhd(), setup(), "kind 'tdoa'"),
