@@ -80,7 +80,7 @@ def _begun(case: Case) -> tuple[Any, Any, Space, list[Any]]:
         Skip: it takes none.
     """
     reasons: list[str] = []
-    for space, grouping in itertools.product(fixtures.SPACES, ("stack", "pairs", "positions")):
+    for space, grouping in itertools.product(fixtures.SPACES, ("stack", "pairs", "positions", "directions")):
         setup = fixtures.setup(grouping)
         try:
             memory = case.component.start(space, setup, fixtures.SensorMeasurement(space, setup))

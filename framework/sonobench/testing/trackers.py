@@ -27,7 +27,7 @@ def told(tracker: Any) -> Setup:
         Skip: it takes none.
     """
     refused: list[str] = []
-    for grouping in ("pairs", "stack", "both", "positions"):
+    for grouping in ("pairs", "stack", "both", "positions", "directions"):
         setup = fixtures.setup(grouping)
         try:
             tracker.init(np.random.default_rng(_SEED), setup)
@@ -267,7 +267,7 @@ def planar(case: Case) -> None:
     if "z_m" in case.component.space.names:
         raise Skip("its space has z_m, which a planar setup does not tell")
     taken = told(case.component).sensors
-    grouping = "pairs" if len(taken) == 4 else "stack" if taken[0].kind == "tdoa" else "positions"
+    grouping = "pairs" if len(taken) == 4 else {"tdoa": "stack", "position": "positions"}.get(taken[0].kind, "directions")
     setup = fixtures.setup(grouping, planar=True)
     try:
         estimates = run(case.component, setup, fixtures.scans(setup, fixtures.regular(_FRAMES)))
