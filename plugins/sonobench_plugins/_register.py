@@ -111,6 +111,9 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
         "sound": {
             "clip": f"{_HERE}.sound.clip:Clip",
             "white": f"{_HERE}.sound.noise:White",
+            "uniform": {"use": "white", "distribution": "uniform"},
+            "laplace": {"use": "white", "distribution": "laplace"},
+            "narrow-band": f"{_HERE}.sound.noise:NarrowBand",
             "pink": f"{_HERE}.sound.noise:Pink",
             "multitone": f"{_HERE}.sound.tones:Multitone",
             "harmonic": f"{_HERE}.sound.tones:Harmonic",
@@ -120,6 +123,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "still": f"{_HERE}.trajectory.still:Still",
             "line": f"{_HERE}.trajectory.line:Line",
             "arc": f"{_HERE}.trajectory.arc:Arc",
+            "bearing": f"{_HERE}.trajectory.bearing:Bearing",
             "waypoints": f"{_HERE}.trajectory.waypoints:Waypoints",
             "wander": f"{_HERE}.trajectory.wander:Wander",
             "langevin-walk": f"{_HERE}.trajectory.langevin_walk:LangevinWalk",
@@ -128,6 +132,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
         "simulator": {
             "image-method": f"{_HERE}.simulator.image_method:ImageMethod",
             "measurements": f"{_HERE}.simulator.measurements:Measurements",
+            "avs-snapshots": f"{_HERE}.simulator.avs_snapshots:AvsSnapshots",
             "pyroomacoustics": f"{_HERE}.simulator.pyroomacoustics_rooms:PyroomacousticsRooms",
         },
         "pipeline": {"pipeline": "sonobench.pipeline:Pipeline"},
