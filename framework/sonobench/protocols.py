@@ -7,7 +7,7 @@ Batch axes come first, vectors in the last axis, matrices in the last two.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -229,9 +229,30 @@ class Measurement(Protocol):
         ...
 
 
+class Focused(NamedTuple):
+    """What a scan says once it is known where the target may be: candidates chosen, features weighed.
+
+    log_ratio: as `BoundLikelihood.log_ratio` of this scan, at any later points (n, d); for this step only, never kept in a state.
+    measurement, rows: for Gaussian proposals, (sensor q, z (dz,), R (dz, dz)) of the rows that were chosen; none, or None and (), where it
+    offers no such rows.
+    """
+
+    log_ratio: Callable[[Floats], Array]
+    measurement: BoundMeasurement | None = None
+    rows: tuple[tuple[int, Array, Array], ...] = ()
+
+
 @runtime_checkable
 class BoundLikelihood(Protocol):
-    """A likelihood of fields that knows the state space and the setup."""
+    """A likelihood of fields that knows the state space and the setup.
+
+    Optional method, for evidence whose choice among candidates depends on where the target may be:
+
+        focused(x, w, scan) -> Focused | None
+
+    x (n, d) being the predicted particles and w (n,) their weights, which sum to 1; None as `log_ratio`. Trackers of one target use it
+    in place of `log_ratio` where it is there.
+    """
 
     @property
     def sensors(self) -> tuple[int, ...]:
@@ -453,6 +474,7 @@ __all__ = [
     "Delay",
     "Direction",
     "Directions",
+    "Focused",
     "FrontEnd",
     "Likelihood",
     "Measurement",
