@@ -87,6 +87,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "lmb": f"{_HERE}.tracker.lmb:LabelledMultiBernoulli",
             "delta-glmb": f"{_HERE}.tracker.delta_glmb:DeltaGlmb",
             "tbd": f"{_HERE}.tracker.tbd:TrackBeforeDetect",
+            "field-lmb": f"{_HERE}.tracker.field_lmb:FieldLmb",
             "gaussian-filter": f"{_HERE}.tracker.gaussian_filter:GaussianFilter",
             "best-detection": f"{_HERE}.tracker.best_detection:BestDetection",
             "nobody": f"{_HERE}.tracker.nobody:Nobody",

@@ -22,6 +22,7 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("simulator", "measurements"): {"p_d": 0.9, "delay_std_s": 5e-5, "clutter_per_scan": 1.0},
     ("sound", "clip"): {"clip": "ru-female-1"},
     ("trajectory", "arc"): {"centre_m": [2.0, 1.5, 1.2], "radius_m": 1.0, "start_deg": 0.0, "speed_m_s": 0.5},
+    ("trajectory", "bearing"): {"range_m": 5.0, "azimuth_deg": 20.0, "elevation_deg": 20.0, "azimuth_deg_s": 1.0},
     ("trajectory", "line"): {"from_m": [1.0, 1.0, 1.2], "to_m": [3.0, 2.0, 1.2], "speed_m_s": 0.5},
     ("trajectory", "still"): {"position_m": [1.0, 1.0, 1.2]},
     ("trajectory", "wander"): {
@@ -50,6 +51,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("preprocessor", {"use": "normalise", "by": "peak"}),
     ("activity", {"use": "short-time-energy", "rule": "minimum"}),
     ("sound", {"use": "harmonic", "vibrato_cents": 50.0}),
+    ("simulator", {"use": "avs-snapshots", "held": True}),
     ("motion", {"use": "langevin", "dims": 3}),
     ("motion", {"use": "langevin", "noise": "diagonal"}),
     ("motion", _SPATIAL),

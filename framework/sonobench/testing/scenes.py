@@ -79,6 +79,9 @@ def _scene(case: Case, level: str) -> Any:
         "nominal": dict(fixtures.NOMINAL),
         "room": {"size_m": fixtures.BOX_M[1].tolist(), "reflections": [0.4] * 6},
     }
+    if level == "vectors":
+        del table["room"]
+        table["arrays"] = {"mast": {"kind": "avs", "elements_m": mics[:1]}}
     if level == "measurements":
         table["sources"] = {"anna": {"trajectory": line, "intervals": [[0.0, 0.3]]}}
     return Scene.from_table(table, case.registry)
@@ -86,12 +89,12 @@ def _scene(case: Case, level: str) -> Any:
 
 def _rendered(case: Case, seed: int = 1) -> Rendering:
     faults = []
-    for level in ("samples", "measurements"):
+    for level in ("samples", "vectors", "measurements"):
         try:
             return case.component.simulate(_scene(case, level), seed)
         except SonobenchError as error:
             faults.append(str(error))
-    raise Skip(f"takes neither of the kit's scenes: {'; '.join(dict.fromkeys(faults))}")
+    raise Skip(f"takes none of the kit's scenes: {'; '.join(dict.fromkeys(faults))}")
 
 
 @claim("simulator.runs", _SIMULATOR)

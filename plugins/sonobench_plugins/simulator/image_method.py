@@ -5,6 +5,7 @@ and pruned once for the room; band-limited impulse responses are then evaluated 
 interpolated between its nodes (`sonobench.acoustics`).
 Deviations: fractional delays by windowed sincs instead of rounding to samples, and no high-pass.
 Limits: a box with walls that reflect all frequencies alike and specularly, omnidirectional sources and microphones.
+Vector sensors receive each image as a plane wave; the near-field term of their velocity is left out (`sonobench.acoustics.vector_responses`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 
 from sonobench.acoustics.image_sources import Lattice, build_lattice, free_field
 from sonobench.acoustics.path_render import path_at, render_path
+from sonobench.acoustics.vector_responses import render_vectors
 from sonobench.errors import InputError
 from sonobench.protocols import Rendering
 from sonobench.scene import Scene
@@ -47,12 +49,13 @@ class ImageMethod:
         """
         lattice = self._lattice(scene)
 
-        def propagate(_: str, rate_hz: float, mics_m: Array, signal: Array, times_s: Array, positions_m: Array) -> Array:
+        def propagate(array: str, rate_hz: float, mics_m: Array, signal: Array, times_s: Array, positions_m: Array) -> Array:
             path = path_at(times_s, positions_m, len(signal), rate_hz, self.path_step_m)
+            render = render_vectors if scene.arrays[array].kind == "avs" else render_path
             with _blaming(scene):
-                return render_path(lattice, signal, path, mics_m, rate_hz, scene.c_m_s)
+                return render(lattice, signal, path, mics_m, rate_hz, scene.c_m_s)
 
-        return assemble(scene, seed, propagate, self.isolated)
+        return assemble(scene, seed, propagate, self.isolated, vector_sensors=True)
 
     def _lattice(self, scene: Scene) -> Lattice:
         box_m, reflections = box_of(scene)

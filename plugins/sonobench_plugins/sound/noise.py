@@ -2,28 +2,72 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from sonobench.protocols import SoundSignal
-from sonobench.scene.noise import pink
+from sonobench.scene.noise import pink, shaped
 
 _PROVENANCE = {"licence": "none needed (synthetic)", "source": "sonobench"}
 
 
 @dataclass(frozen=True)
 class White:
-    """Gaussian noise of flat spectrum."""
+    """Independent samples: noise of flat spectrum."""
 
-    rms: float = 0.1  #: root mean square, full scale 1
+    rms: float = 0.1  #: expected root mean square, full scale 1
+    distribution: Literal["gaussian", "uniform", "laplace"] = "gaussian"  #: of a sample; excess kurtosis 0, −1.2, 3
 
     def __post_init__(self) -> None:
         _check_rms(self.rms)
 
     def render(self, rng: np.random.Generator, duration_s: float, rate_hz: float) -> SoundSignal:
         """A mono signal of that length and rate."""
-        return SoundSignal(self.rms * rng.standard_normal(round(duration_s * rate_hz)), (0.0, rate_hz / 2), _PROVENANCE)
+        n = round(duration_s * rate_hz)
+        if self.distribution == "uniform":
+            unit = rng.uniform(-math.sqrt(3.0), math.sqrt(3.0), n)
+        elif self.distribution == "laplace":
+            unit = rng.laplace(0.0, math.sqrt(0.5), n)
+        else:
+            unit = rng.standard_normal(n)
+        return SoundSignal(self.rms * unit, (0.0, rate_hz / 2), _PROVENANCE)
+
+
+@dataclass(frozen=True)
+class NarrowBand:
+    """Gaussian noise of flat spectrum within a band, exactly nothing outside at the bins of its transform."""
+
+    centre_hz: float = 1000.0  #: middle of the band
+    bandwidth_hz: float = 100.0  #: from edge to edge
+    rms: float = 0.1  #: expected root mean square, full scale 1
+
+    def __post_init__(self) -> None:
+        _check_rms(self.rms)
+        if not 0 < self.bandwidth_hz <= 2 * self.centre_hz < np.inf:
+            raise ValueError(
+                f"centre_hz is {self.centre_hz} and bandwidth_hz {self.bandwidth_hz}; a band that begins at 0 Hz or above is needed"
+            )
+
+    def render(self, rng: np.random.Generator, duration_s: float, rate_hz: float) -> SoundSignal:
+        """A mono signal of that length and rate.
+
+        Raises:
+            ValueError: the band leaves half the rate, or holds none of the duration's frequencies.
+        """
+        low, high = self.centre_hz - self.bandwidth_hz / 2, self.centre_hz + self.bandwidth_hz / 2
+        if high > rate_hz / 2:
+            raise ValueError(f"the band ends at {high:g} Hz; at {rate_hz:g} Hz there is nothing above {rate_hz / 2:g} Hz")
+        n = round(duration_s * rate_hz)
+        if n == 0:
+            return SoundSignal(np.zeros(0), (low, high), _PROVENANCE)
+        frequency = np.fft.rfftfreq(n, 1 / rate_hz)
+        inside = (frequency >= low) & (frequency <= high)
+        if not inside.any():
+            raise ValueError(f"{duration_s:g} s hold no frequency from {low:g} to {high:g} Hz; widen the band")
+        return SoundSignal(self.rms * shaped(rng, n, inside.astype(float)), (low, high), _PROVENANCE)
 
 
 @dataclass(frozen=True)
