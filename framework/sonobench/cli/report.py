@@ -47,6 +47,14 @@ def _settings(_context: Any, _parameter: Any, words: tuple[str, ...]) -> dict[st
     metavar="KEY",
     help="Pictures of this trial (head of its key); default: each pipeline's best, median and worst.",
 )
+@click.option(
+    "--frame",
+    "frames_s",
+    type=float,
+    multiple=True,
+    metavar="SECONDS",
+    help="Draw the correlations of the frame nearest to this time, of --trial or of each pipeline's first; repeatable.",
+)
 @click.option("-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the pictures; default: RUN/report.")
 @json_option
 def report(
@@ -58,7 +66,7 @@ def report(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write pictures (PNG) of RUN: of trials (tracks in the room, coordinates and count over time), or of metrics --over something."""
+    """Write pictures (PNG) of RUN: of trials (tracks in the room, coordinates and count over time; correlations with --frame), or of metrics --over something."""
     from sonobench.harness import open_run
 
     run = open_run(*runs)

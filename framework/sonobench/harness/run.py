@@ -130,11 +130,19 @@ class Run:
         out: str | Path | None = None,
         over: str | None = None,
         references: Sequence[str] = (),
+        frames_s: Sequence[float] = (),
     ) -> list[Path]:
-        """Write pictures of trials, or with `over` of metrics; see `sonobench.report.write_report` and `write_curves`."""
-        from sonobench.report import write_curves, write_report
+        """Write pictures of trials, of single frames of them, or with `over` of metrics.
+
+        See `sonobench.report.write_report`, `write_frames` and `write_curves`.
+        """
+        from sonobench.report import write_curves, write_frames, write_report
 
         metrics = (metric,) if isinstance(metric, str) else tuple(metric or ())
+        if frames_s and (over is not None or metrics or references):
+            raise InputError("--frame draws single frames of trials; leave --over, --metric and --reference out")
+        if frames_s:
+            return write_frames(self, frames_s, trials, out)
         if over is not None and trials:
             raise InputError("--over draws metrics over all trials; leave --trial out, or narrow down with --scene, --at, --pipeline")
         if over is not None:

@@ -12,15 +12,17 @@ _HOME = {
     "over_time": "time_curves",
     "pictures": "figures",
     "write_curves": "metric_report",
+    "write_frames": "frame_report",
     "write_report": "run_report",
 }
 
-__all__ = ["choose", "chosen", "curve", "draw_scene", "over_time", "pictures", "write_curves", "write_report"]
+__all__ = ["choose", "chosen", "curve", "draw_scene", "over_time", "pictures", "write_curves", "write_frames", "write_report"]
 
 if TYPE_CHECKING:
     from sonobench.report.choice import choose
     from sonobench.report.curves import curve
     from sonobench.report.figures import pictures
+    from sonobench.report.frame_report import write_frames
     from sonobench.report.metric_report import write_curves
     from sonobench.report.run_report import write_report
     from sonobench.report.scene_report import draw_scene

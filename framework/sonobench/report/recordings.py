@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from sonobench.errors import InputError
 
 if TYPE_CHECKING:
+    from sonobench.harness.plan import PlannedTrial
     from sonobench.harness.run import Run
     from sonobench.log import Recording
+    from sonobench.pipeline import Pipeline
     from sonobench.types import Estimate, Space
 
 
@@ -35,6 +37,27 @@ class Recordings:
             self._last = str(row["recording_key"]), self._found(row)
         return self._last[1]
 
+    def pipeline(self, row: Mapping[str, Any]) -> Pipeline:
+        """The pipeline of a trial, built anew.
+
+        Raises:
+            InputError: the study no longer has it, or it is unavailable here.
+        """
+        entry = self._plan_of(row).entry
+        if entry.pipeline is None:
+            raise InputError(f"pipeline {entry.name} is unavailable here: {entry.reason}")
+        return entry.pipeline
+
+    def _plan_of(self, row: Mapping[str, Any]) -> PlannedTrial:
+        if self._planned is None:
+            self._planned = _planned(self._paths)
+        planned: PlannedTrial | None = self._planned.get(row["trial_key"])
+        if planned is None:
+            raise InputError(
+                f"{self._paths[0]}: the study's scenes or pipelines are no longer those of trial {row['trial_key']}; run it again"
+            )
+        return planned
+
     def _found(self, row: Mapping[str, Any]) -> Recording:
         from sonobench.harness.cache import Cache
         from sonobench.log import Recording, open_recording
@@ -42,12 +65,7 @@ class Recordings:
         cached = Cache.default().recording(row["recording_key"])
         if cached.exists():
             return open_recording(cached)
-        if self._planned is None:
-            self._planned = _planned(self._paths)
-        planned = self._planned.get(row["trial_key"])
-        where = self._paths[0]
-        if planned is None:
-            raise InputError(f"{where}: the study's scenes or pipelines are no longer those of trial {row['trial_key']}; run it again")
+        planned, where = self._plan_of(row), self._paths[0]
         scene = planned.source.scene
         recording = open_recording(planned.source.home) if scene is None else Recording.of(scene.simulate(planned.seed))
         if row["truth_sha"] not in ("", recording.truth_sha):

@@ -33,7 +33,7 @@ def write_report(run: Run, trials: Sequence[str] = (), metric: str | None = None
     """
     folder = run.path / "report" if out is None else Path(out)
     rows = run.trials.set_index("trial_key", drop=False)
-    names = _asked(run, trials) if trials else _chosen(run, metric or run.metrics[0])
+    names = asked(run, trials) if trials else _chosen(run, metric or run.metrics[0])
     if not names:
         raise InputError(f"{run.path}: no trial has estimates to draw; the causes stand in `sonobench run` and in {run.path / 'logs'}")
     made(folder)
@@ -41,7 +41,7 @@ def write_report(run: Run, trials: Sequence[str] = (), metric: str | None = None
     recordings = Recordings(run)
     for key, why in names.items():
         row = {str(k): v for k, v in rows.loc[key].items()}
-        name = " ".join([str(row["pipeline"]), *([why] if why else []), *_place(row), f"rep {row['repetition']}", key[:8]])
+        name = " ".join([str(row["pipeline"]), *([why] if why else []), *place_words(row), f"rep {row['repetition']}", key[:8]])
         written += _drawn(run, row, name, folder, recordings)
     return written
 
@@ -59,7 +59,7 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def _place(row: Mapping[str, Any]) -> list[str]:
+def place_words(row: Mapping[str, Any]) -> list[str]:
     """A trial's scene and what is swept in it: ["chen2012", "p_d=0.98"]."""
     import pandas as pd
 
@@ -77,7 +77,12 @@ def _chosen(run: Run, metric: str) -> dict[str, str]:
     return {key: "+".join(whys) for key, whys in names.items()}
 
 
-def _asked(run: Run, heads: Sequence[str]) -> dict[str, str]:
+def asked(run: Run, heads: Sequence[str]) -> dict[str, str]:
+    """{trial key: ""} of the heads of keys.
+
+    Raises:
+        InputError: a head that no trial, or more than one, has.
+    """
     keys = [str(k) for k in run.trials["trial_key"]]
     found: dict[str, str] = {}
     for head in heads:
