@@ -46,6 +46,14 @@ def origin(truth: Truth) -> Array:
     return np.array([truth.parameters.get(n, 0.0) for n in _ORIGIN])
 
 
+def axes(truth: Truth) -> Array:
+    """The array's axes in the room (3, 3), room ← array: origin_yaw_rad, origin_pitch_rad and origin_roll_rad of the truth's parameters."""
+    from scipy.spatial.transform import Rotation
+
+    turns = [truth.parameters.get(f"origin_{turn}_rad", 0.0) for turn in ("yaw", "pitch", "roll")]
+    return np.asarray(Rotation.from_euler("ZYX", turns).as_matrix())
+
+
 def separations(a: Floats, b: Floats) -> Array:
     """Angles (…,) between directions a and b (…, 2), rad."""
     step = apart(a, b)

@@ -25,7 +25,7 @@ Unknown = Literal["known", "diagonal"]
 
 def direction_information(
     z: Floats,
-    source_variance: float,
+    source_variance: Floats | float,
     noise: Floats,
     snapshots: float,
     signal: Signal = "gaussian",
@@ -37,7 +37,7 @@ def direction_information(
 
     Args:
         z: (…, 2) azimuth and elevation.
-        source_variance: of s, the mean of its squares where it is deterministic.
+        source_variance: (…) of s, the mean of its squares where it is deterministic.
         noise: (4, 4) covariance of e; pressure and the scaled velocities.
         snapshots: their number.
         signal: what s is.
@@ -47,6 +47,7 @@ def direction_information(
         (…, 2, 2) for arcs east and north, rad⁻².
     """
     z = np.asarray(z, float)
+    power = np.asarray(source_variance, float)[..., None, None]
     a = np.concatenate([np.ones((*z.shape[:-1], 1)), unit_vector(z)], axis=-1)
     slope = np.concatenate([np.zeros((*z.shape[:-1], 2, 1)), tangents(z)], axis=-1)  # (…, 2, 4)
     if signal == "deterministic":
@@ -54,11 +55,11 @@ def direction_information(
         b, db = a @ white.T, slope @ white.T
         along = (db @ b[..., None])[..., 0]
         across = db @ np.swapaxes(db, -1, -2) - along[..., :, None] * along[..., None, :] / np.sum(b**2, axis=-1)[..., None, None]
-        return np.asarray(snapshots * source_variance * across)
+        return np.asarray(snapshots * power * across)
     outer = a[..., :, None] * a[..., None, :]
-    inverse = np.linalg.inv(source_variance * outer + noise)
+    inverse = np.linalg.inv(power * outer + noise)
     mixed = slope[..., :, :, None] * a[..., None, None, :]
-    changes = [source_variance * (mixed + np.swapaxes(mixed, -1, -2)), outer[..., None, :, :]]
+    changes = [power[..., None] * (mixed + np.swapaxes(mixed, -1, -2)), outer[..., None, :, :]]
     if unknown == "diagonal":
         changes.append(np.broadcast_to(np.eye(4)[:, :, None] * np.eye(4)[:, None, :], (*z.shape[:-1], 4, 4, 4)))
     D = inverse[..., None, :, :] @ np.concatenate(changes, axis=-3)

@@ -111,7 +111,7 @@ def sensor_parameters(scene: Scene, heard: Collection[Heard]) -> dict[str, float
     origin_x_m, origin_y_m, origin_z_m where it is in the room, origin_yaw_rad, origin_pitch_rad, origin_roll_rad how its array is turned;
     snapshots: samples an evaluation period; source_variance: mean square of a source's pressure there within its intervals, the mean over the
     sources, and source_variance_LABEL of each; pressure_noise_variance; velocity_noise_variance, the mean over the axes, and
-    velocity_noise_variance_x, _y, _z.
+    velocity_noise_variance_x, _y, _z; noise_correlation_px, … of two channels, where the noise is correlated.
     """
     first = next((h for h in heard if scene.arrays[h.ear.array].kind == "avs"), None)
     if first is None:
@@ -127,7 +127,13 @@ def sensor_parameters(scene: Scene, heard: Collection[Heard]) -> dict[str, float
         "pressure_noise_variance": float(first.noise[0]),
         "velocity_noise_variance": float(np.mean(first.noise[1:])),
         **{f"velocity_noise_variance_{axis}": float(v) for axis, v in zip("xyz", first.noise[1:], strict=True)},
+        **_correlations(scene),
     }
+
+
+def _correlations(scene: Scene) -> dict[str, float]:
+    c = None if scene.noise is None else scene.noise.correlation
+    return {} if c is None else {f"noise_correlation_{'pxyz'[i]}{'pxyz'[j]}": float(c[i, j]) for i in range(4) for j in range(i + 1, 4)}
 
 
 def _turned(samples: Array, rotation: Array) -> Array:

@@ -2,11 +2,11 @@
 
 The bound is that of an unbiased estimator that looks at the snapshots of one frame and at nothing else; a tracker may pass below it
 (`direction-posterior-bound` is its own). It is worked out from the scene's powers, which the truth's parameters name:
-source_variance, pressure_noise_variance, velocity_noise_variance (or …_x, …_y, …_z where they differ) and snapshots a frame.
+source_variance (source_variance_LABEL of one target, where they differ), pressure_noise_variance, velocity_noise_variance
+(…_x, …_y, …_z along the array's axes), noise_correlation_px, …_py, …_pz, …_xy, …_xz, …_yz, and snapshots a frame.
 Each of several targets counts as if it were alone, which bounds it from below all the same.
 Source: Nehorai & Paldi 1994, section III; see `sonobench.filtering.bounds`.
-Deviations: Hu, Li & Jin 2014 print the bound of the MSAE; here it is compared as a root mean square, in rad and in degrees. The
-array's axes are taken to be the room's.
+Deviations: Hu, Li & Jin 2014 print the bound of the MSAE; here it is compared as a root mean square, in rad and in degrees.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sonobench.directions import looks, origin
+from sonobench.directions import axes, looks, origin
 from sonobench.errors import SetupError
 from sonobench.filtering.bounds import Signal, Unknown, direction_information
+from sonobench.filtering.sphere import tangents
 from sonobench.geometry import angles
 from sonobench.protocols import Series
 from sonobench.types import Array, Estimate, Space, Truth
@@ -39,9 +40,12 @@ class DirectionBound:
 
     def information(self, truth: Truth) -> Array:
         """Information (k, n, 2, 2) of a frame about each target's direction."""
-        p = powers(truth)
-        z = np.asarray(angles(truth.position - origin(truth)))
-        return direction_information(z, p["source_variance"], noise_covariance(p), p["snapshots"], self.signal, self.unknown)
+        p, turn = powers(truth), axes(truth)
+        source = np.array([p.get(f"source_variance_{label}", p["source_variance"]) for label in truth.label])
+        z = np.asarray(angles((truth.position - origin(truth)) @ turn))
+        inside = direction_information(z, source, noise_covariance(p), p["snapshots"], self.signal, self.unknown)
+        T = tangents(angles(truth.position - origin(truth))) @ turn @ np.swapaxes(tangents(z), -1, -2)
+        return np.asarray(T @ inside @ np.swapaxes(T, -1, -2))
 
 
 def powers(truth: Truth) -> Mapping[str, float]:
@@ -64,8 +68,12 @@ def powers(truth: Truth) -> Mapping[str, float]:
 
 
 def noise_covariance(p: Mapping[str, float]) -> Array:
-    """Noise (4, 4) of the pressure and of the scaled velocities."""
-    return np.diag([p["pressure_noise_variance"], *(p[f"velocity_noise_variance_{a}"] for a in "xyz")])
+    """Noise (4, 4) of the pressure and of the scaled velocities, in the array's axes."""
+    std = np.sqrt([p["pressure_noise_variance"], *(p[f"velocity_noise_variance_{a}"] for a in "xyz")])
+    correlation = np.eye(4)
+    for i, j in zip(*np.triu_indices(4, 1), strict=True):
+        correlation[i, j] = correlation[j, i] = p.get(f"noise_correlation_{'pxyz'[i]}{'pxyz'[j]}", 0.0)
+    return std[:, None] * correlation * std
 
 
 def compared(error: DirectionError, truth: Truth, output: Sequence[Estimate], space: Space | None, least: Array) -> Mapping[str, Series]:

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from sonobench.filtering.evidence import Rows, noise_of, rows_of, searched
-from sonobench.filtering.gaussian import gain, log_gaussian, root, symmetric
+from sonobench.filtering.gaussian import gain, log_gaussian, symmetric
 from sonobench.filtering.steps import bound, elapsed, initial, pose_of
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
 from sonobench.types import Array, Estimate, Scan, Setup, Space
@@ -51,7 +51,6 @@ class GaussianFilter:
     birth: Birth = field(
         default_factory=FromDirections
     )  #: where it starts: the heaviest component that exists at the start, else the heaviest born
-    drawn_start: bool = False  #: start at a draw from that component, as one who knows the start that well does, not at its mean
     choice: Literal["nearest", "score"] = "nearest"  #: of several rows the most probable one, or that of the highest score
     gate: float | None = None  #: Mahalanobis distance from the heaviest filter's prediction beyond which no row is taken; None: any
     process_scales: tuple[float, ...] = (1.0,)  #: multiples of the motion's Q that are tried side by side; one is the plain filter
@@ -80,7 +79,7 @@ class GaussianFilter:
         """
         model = bound(self.motion, self.measurement, setup, "iterated", "gaussian-filter")
         memory = self.birth.start(self.space, setup, model)
-        m, P = self._begun(rng, initial(self.birth, memory, len(self.space)))
+        m, P = self._begun(initial(self.birth, memory, len(self.space)))
         return FilterState(setup.start_s, self._even(), m, P, memory, model, setup)
 
     def step(self, rng: np.random.Generator, state: FilterState, scan: Scan) -> tuple[FilterState, Estimate]:
@@ -94,7 +93,7 @@ class GaussianFilter:
                     np.zeros(0), np.zeros((0, len(self.space))), np.zeros((0,) + 2 * (len(self.space),)), np.zeros(0, np.int64)
                 )
                 memory, born = self.birth.propose(rng, memory, scan, nobody)
-                m, P = self._begun(rng, born)
+                m, P = self._begun(born)
         else:
             m, P = self._predict(m, P, dt_s)
             weight = self._forget(weight, dt_s, state.setup.period_s)
@@ -107,14 +106,12 @@ class GaussianFilter:
     def _even(self) -> Array:
         return np.full(len(self.process_scales), 1.0 / len(self.process_scales))
 
-    def _begun(self, rng: np.random.Generator, known: Mixture) -> tuple[Array | None, Array | None]:
+    def _begun(self, known: Mixture) -> tuple[Array | None, Array | None]:
         """One copy of the heaviest component for each process noise."""
         if len(known.w) == 0:
             return None, None
         heaviest = int(np.argmax(known.w))
         m, P, copies = known.m[heaviest], known.P[heaviest], len(self.process_scales)
-        if self.drawn_start:
-            m = m + root(P) @ rng.standard_normal(len(m))
         return np.tile(m, (copies, 1)), np.tile(P, (copies, 1, 1))
 
     def _predict(self, m: Array, P: Array, dt_s: float) -> tuple[Array, Array]:
