@@ -38,6 +38,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "rho-phat": f"{_HERE}.delay.rho_phat:RhoPhat",
             "iphat": f"{_HERE}.delay.iphat:Iphat",
             "subtracted-phat": f"{_HERE}.delay.subtracted_phat:SubtractedPhat",
+            "selected-phat": f"{_HERE}.delay.selected_phat:SelectedPhat",
         },
         "activity": {
             "energy": f"{_HERE}.activity.energy:Energy",
@@ -63,8 +64,15 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField",
             "direction-spectrum": f"{_HERE}.likelihood.direction_spectrum:SpectrumLikelihood",
         },
+        "direction": {
+            "cumulant-peaks": f"{_HERE}.direction.cumulant_peaks:CumulantPeaks",
+            "covariance-peaks": f"{_HERE}.direction.covariance_peaks:CovariancePeaks",
+            "gls": f"{_HERE}.direction.gls:Gls",
+            "cumulant-gls": {"use": "gls", "noise": "any"},
+        },
         "spectrum": {
             "cumulant": f"{_HERE}.spectrum.cumulant:CumulantSpectrum",
+            "gls": f"{_HERE}.spectrum.gls:GlsSpectrum",
             "covariance": f"{_HERE}.spectrum.covariance:CovarianceSpectrum",
         },
         "transform": {
@@ -78,6 +86,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "room": f"{_HERE}.birth.room:Room",
             "from-detections": f"{_HERE}.birth.from_detections:FromDetections",
             "from-positions": f"{_HERE}.birth.from_positions:FromPositions",
+            "from-spectrum": f"{_HERE}.birth.from_spectrum:FromSpectrum",
             "from-directions": f"{_HERE}.birth.from_directions:FromDirections",
         },
         "spawn": {"offset": f"{_HERE}.spawn.offset:Offset"},
