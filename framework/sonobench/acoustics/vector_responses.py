@@ -41,7 +41,7 @@ def vector_responses(
         raise ValueError("a vector sensor lies on the source, where its pressure is infinite; move one of them")
     out = np.zeros((len(positions), len(elements), 4, length + TAPS), np.float32)
     _responses(lattice.sign, lattice.offset_m, lattice.amplitude, lattice.runs, positions, elements, rate_hz / c_m_s, pulse_table(), out)
-    return out.reshape(len(positions), -1, length + TAPS)[..., :length]
+    return out.reshape(len(positions), 4 * len(elements), length + TAPS)[..., :length]
 
 
 def render_vectors(lattice: Lattice, signal: Array, path: Path, elements_m: Array, rate_hz: float, c_m_s: float) -> Array:

@@ -22,15 +22,15 @@ from sonobench.types import Array, read_only
 class Segment:
     """A stretch of one model: a turn, an acceleration, or neither."""
 
-    from_s: float  #: time since the start, above 0
+    from_s: float  #: time since the start
     turn_deg_s: float = 0.0  #: of the rate vector, from azimuth towards elevation
     azimuth_deg_s2: float = 0.0  #: acceleration
     elevation_deg_s2: float = 0.0  #: acceleration
 
     def __post_init__(self) -> None:
         values = (self.from_s, self.turn_deg_s, self.azimuth_deg_s2, self.elevation_deg_s2)
-        if not all(map(math.isfinite, values)) or not self.from_s > 0:
-            raise ValueError(f"from_s, turn and accelerations are {list(values)}; finite numbers are needed, from_s above 0")
+        if not all(map(math.isfinite, values)) or self.from_s < 0:
+            raise ValueError(f"from_s, turn and accelerations are {list(values)}; finite numbers are needed, from_s of at least 0")
         if self.turn_deg_s and (self.azimuth_deg_s2 or self.elevation_deg_s2):
             raise ValueError(f"the segment from {self.from_s:g} s turns and accelerates; write one of both")
 

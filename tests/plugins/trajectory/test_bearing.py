@@ -54,6 +54,11 @@ def test_a_turn_keeps_the_speed_and_turns_azimuth_towards_elevation():
     np.testing.assert_allclose(rates, [0.0, 1.0], atol=1e-6)
 
 
+def test_a_segment_from_the_start_on_leaves_no_constant_rates():
+    turning = Bearing(10.0, 0.0, 0.0, 1.0, 0.0, (Segment(0.0, turn_deg_s=90.0),))
+    np.testing.assert_allclose(turning.angles_deg(np.array([0.0, 2.0])), [[0, 0], [0, 4 / np.pi]], atol=1e-12)
+
+
 def test_it_holds_still_after_its_end():
     stopped = Bearing(10.0, 0.0, 0.0, 1.0, until_s=3.0)
     np.testing.assert_allclose(stopped.angles_deg(np.array([2.0, 3.0, 7.0]))[:, 0], [2, 3, 3])
@@ -68,7 +73,7 @@ def test_tables_make_segments_and_say_what_is_wrong():
     np.testing.assert_array_equal(again.position(np.arange(9.0)), made.position(np.arange(9.0)))
     for change, message in (
         ({"range_m": 0.0}, "range_m is 0.0"),
-        ({"segments": [{"from_s": 0.0}]}, "from_s above 0"),
+        ({"segments": [{"from_s": -1.0}]}, "from_s of at least 0"),
         ({"segments": [{"from_s": 1.0, "turn_deg_s": 1.0, "azimuth_deg_s2": 1.0}]}, "turns and accelerates"),
         ({"segments": [{"from_s": 2.0}, {"from_s": 1.0}]}, "increasing times"),
     ):
