@@ -12,12 +12,14 @@ Source: Schmidt 1986 (MUSIC); Porat & Friedlander 1991 (cumulants); Kaveh & Bara
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from sonobench.protocols import Directions
 from sonobench.signal.cumulants import LIVE, PAIRS, WEIGHTS, Moments, covariance_matrix, live_matrix, products
 from sonobench.types import Array, DirectionSpectrum, Floats, Ints
 
@@ -148,16 +150,21 @@ def grid() -> tuple[Array, Array, Array, Ints]:
     """10000 directions some 2° apart: u (n, 3), b of length 1 of covariances (n, 4) and of cumulants (n, 10), nearest others (n, 8)."""
     from scipy.spatial import cKDTree
 
-    k = np.arange(_GRID)
-    z = 1 - (2 * k + 1) / _GRID
-    turn = np.pi * (1 + 5**0.5) * k
-    level = np.sqrt(1 - z * z)
-    u = np.stack([level * np.cos(turn), level * np.sin(turn), z], axis=1)
+    u = spread_directions(_GRID)
     near = np.asarray(cKDTree(u).query(u, _NEIGHBOURS + 1)[1][:, 1:], np.int64)
     made = (u, steering(u, 4), steering(u, 10), near)
     for one in made:
         one.flags.writeable = False
     return made
+
+
+def spread_directions(n: int) -> Array:
+    """n unit vectors (n, 3), evenly over the sphere (a Fibonacci lattice)."""
+    k = np.arange(n)
+    z = 1 - (2 * k + 1) / n
+    turn = np.pi * (1 + 5**0.5) * k
+    level = np.sqrt(1 - z * z)
+    return np.stack([level * np.cos(turn), level * np.sin(turn), z], axis=1)
 
 
 def steering(u: Floats, b: int) -> Array:
@@ -212,7 +219,7 @@ def spectrum(one: Subspace, width_rad: float) -> DirectionSpectrum:
         width_rad: no peak is narrower; it stands for what is not sampling error (a source's motion within the frame, the sensor's).
     """
     b = len(one.noise)
-    power = 0.5 * (FREEDOM + (4 if b == 4 else 9) - one.m)
+    power = spectrum_power(one.m, b)
     spread = FREEDOM * one.spread + 2 * power * width_rad**2 * np.eye(b)
     if one.m == 0:
         return DirectionSpectrum(one.noise[None], spread[None], np.zeros(1), np.array([power]), np.ones(1, bool))
@@ -221,6 +228,11 @@ def spectrum(one: Subspace, width_rad: float) -> DirectionSpectrum:
     ratio = np.maximum(_quadratic(directions, one.noise), 0.0) / _quadratic(directions, spread)
     total = 4 * np.pi * float(np.mean(np.exp(-power * np.log1p(ratio))))
     return DirectionSpectrum(one.noise[None], spread[None], np.array([one.m / total]), np.array([power]), np.ones(1, bool))
+
+
+def spectrum_power(m: int, b: int) -> float:
+    """Exponent of the spectrum of m sources over b products."""
+    return 0.5 * (FREEDOM + (4 if b == 4 else 9) - m)
 
 
 class Peaks(NamedTuple):
@@ -274,3 +286,25 @@ def in_angles(R: Floats, u: Floats) -> Array:
     u = np.asarray(u)
     scale = np.stack([1.0 / np.maximum(np.hypot(u[..., 0], u[..., 1]), 1e-3), np.ones(u.shape[:-1])], axis=-1)
     return np.asarray(R * scale[..., :, None] * scale[..., None, :])
+
+
+def found_peaks(found: Moments, cumulants: bool, order: Order) -> Directions:
+    """Directions of the peaks of every frame's subspace, as many as it holds; score −10 log10 of what b(u) has outside it."""
+    rows = []
+    for frame in range(len(found.cumulant)):
+        one = subspace(found, frame, cumulants, order)
+        tops = peaks(one, one.m)
+        rows.append((tops.u, tops.R, -10 * np.log10(np.maximum(tops.null, 1e-30))))
+    return gathered(rows, order.most)
+
+
+def gathered(rows: Sequence[tuple[Array, Array, Array]], most: int) -> Directions:
+    """Directions of frames from u (k, 3), R (k, 2, 2) along `tangent` and score (k,) of each; rows that stand for nothing fill up to `most`."""
+    f = len(rows)
+    u, valid = np.tile([1.0, 0.0, 0.0], (f, most, 1)), np.zeros((f, most), bool)
+    R, score = np.tile(np.eye(2), (f, most, 1, 1)), np.zeros((f, most))
+    for frame, (there, spread, value) in enumerate(rows):
+        k = len(there)
+        u[frame, :k], valid[frame, :k], score[frame, :k] = there, True, value
+        R[frame, :k] = in_angles(spread, there)
+    return Directions(u, valid, R, score)
