@@ -75,10 +75,12 @@ def widened(unit: Rig, header: Header) -> Rig:
     return replace(unit, pairs=pairs, max_delay_s=np.concatenate([unit.max_delay_s, whole.max_delay_s[more]]))
 
 
-def pair_sensors(unit: Rig) -> tuple[Sensor, ...]:
-    """One "tdoa" sensor a pair, "pair-0" and so on, with the pair's two elements."""
+def pair_sensors(unit: Rig, own: int | None = None) -> tuple[Sensor, ...]:
+    """One "tdoa" sensor a pair with the pair's two elements: "pair-0" and so on for the `own` first ones (None: all), "wide-0" and so on for others."""
     first, space, both = next(iter(unit.arrays)), Space.of("tau_s"), np.array([[0, 1]])
-    return tuple(Sensor(f"pair-{p}", first, "tdoa", unit.elements[ij], space, both) for p, ij in enumerate(unit.pairs))
+    last = len(unit.pairs) if own is None else own
+    names = [f"pair-{p}" if p < last else f"wide-{p - last}" for p in range(len(unit.pairs))]
+    return tuple(Sensor(name, first, "tdoa", unit.elements[ij], space, both) for name, ij in zip(names, unit.pairs, strict=True))
 
 
 def stack_sensor(unit: Rig) -> Sensor:

@@ -9,6 +9,7 @@ from signal_sounds import RATE_HZ, WALL_PAIRS, WALLS_M, delayed, every_pair, fre
 
 from sonobench import Header, InputError, MicArray, PluginError, SetupError, identical
 from sonobench_plugins.activity.always import Always
+from sonobench_plugins.delay.cc import Cc
 from sonobench_plugins.front_end.gcc_peaks import GccPeaks
 
 CLUSTER_M = np.array([[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]], float)
@@ -138,3 +139,23 @@ def test_a_wider_margin_finds_delays_beyond_the_pairs_aperture():
     assert 50 / RATE_HZ > 3 * 0.5 / 344.0
     for scan in out:
         assert abs(_delays(scan, 1)[0] * RATE_HZ + 50) < 0.05
+
+
+def test_a_second_field_is_the_one_of_a_front_end_with_that_estimator():
+    x = free_field(3, [[1.0, 1.0, 1.5]], WALLS_M, seconds=1.0)
+    both = scans(replace(VOICED, energy=Cc()), header(WALLS_M, WALL_PAIRS), x)[1]
+    alone = scans(replace(VOICED, delay=Cc()), header(WALLS_M, WALL_PAIRS), x)[1]
+    plain = scans(VOICED, header(WALLS_M, WALL_PAIRS), x)[1]
+    for one, other, old in zip(both, alone, plain, strict=True):
+        assert identical(one.fields["energy"], other.fields["gcc"])
+        assert identical(replace(one, fields={"gcc": one.fields["gcc"]}), old)
+
+
+def test_widened_pairs_are_the_scenes_first_and_then_every_other_two():
+    x = free_field(3, [[1.0, 1.0, 1.5]], WALLS_M, seconds=0.5)
+    setup, out = scans(replace(VOICED, pairs="widened"), header(WALLS_M, WALL_PAIRS), x)
+    few = scans(VOICED, header(WALLS_M, WALL_PAIRS), x)[1]
+    n, m = len(WALLS_M), len(WALL_PAIRS)
+    assert [s.name for s in setup.sensors] == [f"pair-{p}" for p in range(m)] + [f"wide-{p}" for p in range(n * (n - 1) // 2 - m)]
+    rows = out[2].detections[0]
+    assert np.allclose(np.sort(rows.z[rows.sensor < m], axis=0), np.sort(few[2].detections[0].z, axis=0), atol=1e-9)
