@@ -60,8 +60,13 @@ class Aligned:
         return units.pop() if len(units) == 1 else "mixed"
 
     def distances(self, frame: Frame) -> Array:
-        """Euclidean distances (n, m) of a frame's truth rows to its estimate rows, periodic coordinates wrapped."""
-        residual = self.space.residual(frame.truth[:, None, :], frame.estimates[None, :, :])
+        """Distances (n, m) of a frame's truth rows to its estimate rows: Euclidean, periodic coordinates wrapped; of directions, angles (rad)."""
+        truth, estimates = frame.truth[:, None, :], frame.estimates[None, :, :]
+        if self.space.names == _DIRECTION:
+            from sonobench.directions import separations
+
+            return separations(truth, estimates)
+        residual = self.space.residual(truth, estimates)
         return np.sqrt(np.einsum("nmd,nmd->nm", residual, residual))
 
 

@@ -112,6 +112,8 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "position-error": f"{_HERE}.metric.position_error:PositionError",
             "ospa2": f"{_HERE}.metric.ospa2:Ospa2",
             "label-switches": f"{_HERE}.metric.label_switches:LabelSwitches",
+            "fragmentation": f"{_HERE}.metric.fragmentation:Fragmentation",
+            "t-gospa": f"{_HERE}.metric.t_gospa:TGospa",
             "delay-error": f"{_HERE}.metric.delay_error:DelayError",
             "direction-error": f"{_HERE}.metric.direction_error:DirectionError",
             "direction-bound": f"{_HERE}.metric.direction_bound:DirectionBound",

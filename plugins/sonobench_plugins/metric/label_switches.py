@@ -31,7 +31,7 @@ from sonobench.types import Array, Estimate, Space, Truth
 class LabelSwitches:
     """Label switches and broken tracks, in all per target."""
 
-    c_m: float = 1.0  #: gate: a pair at this distance or more is no match (m)
+    c_m: float = 1.0  #: gate: a pair at this distance or more is no match (m; rad for directions)
     targets: Literal["exists", "active"] = "exists"  #: truth that counts
     hold_s: float | None = None  #: how long an estimate stands; None is 1.5 periods
 
@@ -50,7 +50,7 @@ class LabelSwitches:
         if any(f.labels is None for f in pairs.frames):
             return self._columns(np.full((len(names), 2), np.nan), np.zeros(len(names)), 0.0)
         for frame in pairs.frames:
-            now = _matches(frame, pairs.distances(frame), self.c_m, last)
+            now = matches(frame, pairs.distances(frame), self.c_m, last)
             for name, label in now.items():
                 counts[name][0] += last.get(name, label) != label
                 counts[name][1] += name in lost
@@ -67,8 +67,15 @@ class LabelSwitches:
         }
 
 
-def _matches(frame: Frame, distances: Array, c: float, last: Mapping[int, int]) -> dict[int, int]:
-    """Label of the estimate that each matched target has, by the target's own."""
+def matches(frame: Frame, distances: Array, c: float, last: Mapping[int, int]) -> dict[int, int]:
+    """Label of the estimate that each matched target of a frame has, by the target's own.
+
+    Args:
+        frame: with labels on both sides.
+        distances: (n, m) of its rows.
+        c: gate; a pair at this distance or more is no match.
+        last: the labels that targets had when they were matched last.
+    """
     own, labels = [int(n) for n in frame.truth_labels], [int(n) for n in np.asarray(frame.labels)]
     kept = [(i, labels.index(last[n])) for i, n in enumerate(own) if n in last and last[n] in labels]
     rest = distances.copy()
