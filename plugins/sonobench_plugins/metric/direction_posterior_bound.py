@@ -2,8 +2,8 @@
 
 Information flows along the true path: J_k = (F J_{k−1}⁻¹ Fᵀ + Q)⁻¹ + what the snapshots of the frame tell (`direction-bound`), from a
 start that is known with the deviations stated here. With the Q of a tracker it says how well one could do who believes in that Q; with a
-Q of 0, how well one could do who knows that the targets move straight on. Where the truth moves less than Q says, a filter whose Q is
-smaller may pass below the bound of the larger.
+Q of 0, how well one could do who knows that the targets move straight on. It bounds what is expected over all motions that Q allows:
+on a truth that moves less than that, errors may pass below it, also those of a filter that believes in the same Q.
 Source: Tichavský, Muravchik & Nehorai 1998, eq. 21 and 34; see `sonobench.filtering.bounds`.
 Deviations: the expectation over paths is taken at the one true path; a nonlinear motion is linearised there.
 """
