@@ -22,6 +22,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gcc-peaks": f"{_HERE}.front_end.gcc_peaks:GccPeaks",
             "srp-peaks": f"{_HERE}.front_end.srp_peaks:SrpPeaks",
             "recorded": f"{_HERE}.front_end.recorded:Recorded",
+            "avs": f"{_HERE}.front_end.avs:Avs",
         },
         "preprocessor": {
             "pre-filter": f"{_HERE}.preprocessor.pre_filter:PreFilter",
@@ -65,6 +66,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "direction-spectrum": f"{_HERE}.likelihood.direction_spectrum:SpectrumLikelihood",
         },
         "direction": {
+            "intensity": f"{_HERE}.direction.intensity:Intensity",
             "cumulant-peaks": f"{_HERE}.direction.cumulant_peaks:CumulantPeaks",
             "covariance-peaks": f"{_HERE}.direction.covariance_peaks:CovariancePeaks",
             "gls": f"{_HERE}.direction.gls:Gls",

@@ -12,8 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from sonobench.geometry import angles, lift, max_delay, pair_delays
-from sonobench.types import Array, Block, DelayTable, Detections, Header, MicArray, Scan, Sensor, Setup, Space, Truth
+from sonobench.geometry import angles, lift, max_delay, pair_delays, unit_vector
+from sonobench.signal import subspace
+from sonobench.signal.cumulants import LIVE
+from sonobench.types import (
+    Array,
+    Block,
+    DelayTable,
+    Detections,
+    DirectionSpectrum,
+    Field,
+    Header,
+    MicArray,
+    Scan,
+    Sensor,
+    Setup,
+    Space,
+    Truth,
+)
 
 BOX_M = np.array([[0.0, 0.0, 0.0], [4.0, 3.0, 2.5]])
 HEIGHT_M = 1.2
@@ -52,6 +68,7 @@ SPACES = (
     Space.of("x_m", "vx_m_s", "y_m", "vy_m_s"),
     Space.of("x_m", "vx_m_s", "y_m", "vy_m_s", "z_m", "vz_m_s"),
     Space.of("x_m", "y_m", "z_m"),
+    Space.of("azimuth_rad", "azimuth_rad_s", "elevation_rad", "elevation_rad_s"),
 )
 
 
@@ -132,7 +149,28 @@ def scan(setup: Setup, time_s: float, points: Array, rng: np.random.Generator, c
         Detections(np.concatenate([z for _, z in group]), np.concatenate([np.full(len(z), q) for q, z in group]))
         for group in groups.values()
     )
-    return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections, {"gcc": table(setup, time_s, points)})
+    return Scan(float(time_s), np.ones(len(setup.sensors), bool), detections, fields(setup, time_s, points))
+
+
+def fields(setup: Setup, time_s: float, points: Array) -> dict[str, Field]:
+    """ "gcc", a table of the single pairs, and "spectrum" where there are sensors of directions."""
+    found: dict[str, Field] = {"gcc": table(setup, time_s, points)}
+    if any(unit.kind == "direction" for unit in setup.sensors):
+        found["spectrum"] = spectrum(setup, points)
+    return found
+
+
+def spectrum(setup: Setup, points: Array) -> DirectionSpectrum:
+    """Peaks 2° wide towards each of the points (n, 3), of the subspace that cumulants without error would have."""
+    rows = []
+    for unit in setup.sensors:
+        u = unit_vector(measured_of(points, unit, setup.c_m_s)) if unit.kind == "direction" else np.zeros((0, 3))
+        sources = np.linalg.qr(subspace.steering(u, 10).T)[0]
+        noise = LIVE @ LIVE.T - sources @ sources.T
+        rows.append(subspace.spectrum(subspace.Subspace(noise, 0 * noise, len(u), np.zeros(9)), 2 * DIRECTION_STD_RAD))
+    heard = np.array([unit.kind == "direction" for unit in setup.sensors])
+    parts = (np.concatenate([getattr(row, name) for row in rows]) for name in ("noise", "spread", "height", "power"))
+    return DirectionSpectrum(*parts, heard)
 
 
 def table(setup: Setup, time_s: float, points: Array) -> DelayTable:

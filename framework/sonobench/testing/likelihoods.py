@@ -18,7 +18,7 @@ _LIKELIHOOD = ("likelihood",)
 def _bound(case: Case) -> tuple[Any, Space, Setup]:
     """The likelihood bound to the first space and setup that it takes."""
     errors: list[str] = []
-    for grouping in ("pairs", "stack", "both", "positions"):
+    for grouping in ("pairs", "stack", "both", "positions", "directions"):
         for space in fixtures.SPACES:
             setup = fixtures.setup(grouping)
             try:
@@ -79,10 +79,13 @@ def peak(case: Case) -> None:
     talker = fixtures.talkers(np.zeros(1))[0, :1]
     scan = fixtures.scan(setup, 0.1, talker, np.random.default_rng(1), 0)
     rng = np.random.default_rng(2)
-    axes = [n for n in ("x_m", "y_m", "z_m") if n in space.names]
+    places = np.concatenate([talker, rng.uniform(0.1, 0.9, (200, 3)) * fixtures.BOX_M[1]])
     x = np.zeros((201, len(space)))
-    x[:, space.index(*axes)] = rng.uniform(0.1, 0.9, (201, len(axes))) * fixtures.BOX_M[1, : len(axes)]
-    x[0, space.index(*axes)] = talker[0, : len(axes)]
+    axes = [n for n in ("x_m", "y_m", "z_m") if n in space.names]
+    x[:, space.index(*axes)] = places[:, : len(axes)]
+    if not axes:
+        unit = next(s for s in setup.sensors if s.kind == "direction")
+        x[:, space.index("azimuth_rad", "elevation_rad")] = fixtures.measured_of(places, unit, setup.c_m_s)
     found = np.asarray(bound.log_ratio(x, scan))
     need(found[0] > 0, f"the talker's own place has the log ratio {found[0]:.3g}; above 0 is needed")
     need(
