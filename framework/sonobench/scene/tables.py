@@ -44,6 +44,10 @@ class ArrayTable:
     rate_hz: float | tuple[float, ...] | None = None  #: one for the array, or one a microphone (all equal); None: the scene's
     pairs: Ints = field(default_factory=lambda: np.zeros((0, 2), np.int64))  #: (P, 2) indices of `elements_m`
 
+    def __post_init__(self) -> None:
+        if not self.pairs.size:  # `pairs = []` in a file has shape (0,)
+            object.__setattr__(self, "pairs", np.zeros((0, 2), np.int64))
+
     @property
     def pose(self) -> Array:
         """(4, 4) room ← array."""
