@@ -62,6 +62,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "direction": f"{_HERE}.measurement.direction:Direction",
         },
         "likelihood": {
+            "multi-feature": f"{_HERE}.likelihood.multi_feature:MultiFeature",
             "tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField",
             "direction-spectrum": f"{_HERE}.likelihood.direction_spectrum:SpectrumLikelihood",
         },
@@ -116,6 +117,8 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "label-switches": f"{_HERE}.metric.label_switches:LabelSwitches",
             "fragmentation": f"{_HERE}.metric.fragmentation:Fragmentation",
             "t-gospa": f"{_HERE}.metric.t_gospa:TGospa",
+            "clear-mot": f"{_HERE}.metric.clear_mot:ClearMot",
+            "hota": f"{_HERE}.metric.hota:Hota",
             "delay-error": f"{_HERE}.metric.delay_error:DelayError",
             "direction-error": f"{_HERE}.metric.direction_error:DirectionError",
             "direction-bound": f"{_HERE}.metric.direction_bound:DirectionBound",

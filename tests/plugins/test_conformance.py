@@ -13,7 +13,7 @@ from sonobench.testing import CHECKS, check
 
 REGISTRY = Registry.load()
 BUNDLED = [e for e in REGISTRY.entries() if e.plugin.distribution == "sonobench"]
-OPTIONAL = {"pyroomacoustics": "pyroomacoustics"}  # name → the module of an extra
+OPTIONAL = {"pyroomacoustics": "pyroomacoustics", "clear-mot": "motmetrics", "hota": "trackeval"}  # name → the module of an extra
 
 #: parameters of components that have no defaults for them
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
