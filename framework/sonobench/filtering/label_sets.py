@@ -74,7 +74,7 @@ def sets_existence(sets: Array) -> Array:
 def sets_cardinality(sets: Array) -> Array:
     """Probability (n + 1,) of each number of members."""
     number = sum((np.arange(2).reshape([2 if j == i else 1 for j in range(sets.ndim)]) for i in range(sets.ndim)), np.zeros((), np.int64))
-    return np.bincount(np.broadcast_to(number, sets.shape).ravel(), sets.ravel(), sets.ndim + 1)
+    return np.asarray(np.bincount(np.broadcast_to(number, sets.shape).ravel(), sets.ravel(), sets.ndim + 1), np.float64)
 
 
 def best_set(sets: Array, size: int) -> Ints:

@@ -169,8 +169,8 @@ def spectrum(setup: Setup, points: Array) -> DirectionSpectrum:
         noise = LIVE @ LIVE.T - sources @ sources.T
         rows.append(subspace.spectrum(subspace.Subspace(noise, 0 * noise, len(u), np.zeros(9)), 2 * DIRECTION_STD_RAD))
     heard = np.array([unit.kind == "direction" for unit in setup.sensors])
-    parts = (np.concatenate([getattr(row, name) for row in rows]) for name in ("noise", "spread", "height", "power"))
-    return DirectionSpectrum(*parts, heard)
+    parts = {name: np.concatenate([getattr(row, name) for row in rows]) for name in ("noise", "spread", "height", "power")}
+    return DirectionSpectrum(**parts, heard=heard)
 
 
 def table(setup: Setup, time_s: float, points: Array) -> DelayTable:
