@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sonobench_plugins.sound.noise import Pink, White
+from sonobench_plugins.sound.noise import NarrowBand, Pink, White
 
 
 def power(sound, seconds=60.0, rate=8000.0):
@@ -44,3 +44,33 @@ def test_pink_noise_has_nothing_below_its_lowest_frequency():
 def test_impossible_parameters_are_refused(make):
     with pytest.raises(ValueError, match="a positive"):
         make()
+
+
+@pytest.mark.parametrize(("distribution", "kurtosis"), [("gaussian", 0.0), ("uniform", -1.2), ("laplace", 3.0)])
+def test_white_samples_have_the_stated_variance_and_distribution(distribution, kurtosis):
+    x = White(0.5, distribution).render(np.random.default_rng(2), 50.0, 8000.0).samples / 0.5
+    assert np.mean(x**2) == pytest.approx(1.0, abs=4 * np.std(x**2) / np.sqrt(len(x)))
+    assert np.mean(x**4) - 3 == pytest.approx(kurtosis, abs=4 * np.std(x**4) / np.sqrt(len(x)))
+    assert abs(np.mean(x[1:] * x[:-1])) < 4 / np.sqrt(len(x))
+
+
+def test_narrow_band_noise_has_its_level_within_its_band_and_nothing_outside():
+    sound = NarrowBand(centre_hz=600.0, bandwidth_hz=80.0, rms=0.3)
+    made = sound.render(np.random.default_rng(1), 20.0, 8000.0)
+    spectrum = np.abs(np.fft.rfft(made.samples))
+    frequency = np.fft.rfftfreq(160000, 1 / 8000)
+    assert made.band_hz == (560.0, 640.0)
+    assert spectrum[(frequency < 559.99) | (frequency > 640.01)].max() < 1e-8
+    halves = [np.mean(spectrum[(frequency >= low) & (frequency < low + 40)] ** 2) for low in (560, 600)]
+    assert halves[0] == pytest.approx(halves[1], rel=0.2)
+    levels = [np.mean(sound.render(np.random.default_rng(s), 0.5, 8000.0).samples ** 2) for s in range(400)]
+    assert np.mean(levels) == pytest.approx(0.09, abs=4 * np.std(levels) / 20)
+
+
+def test_a_narrow_band_must_fit_below_half_the_rate_and_hold_a_frequency():
+    with pytest.raises(ValueError, match="begins at 0 Hz or above"):
+        NarrowBand(centre_hz=100.0, bandwidth_hz=300.0)
+    with pytest.raises(ValueError, match="ends at 1050 Hz; at 2000 Hz"):
+        NarrowBand().render(np.random.default_rng(0), 1.0, 2000.0)
+    with pytest.raises(ValueError, match="widen the band"):
+        NarrowBand(centre_hz=1000.5, bandwidth_hz=0.2).render(np.random.default_rng(0), 1.0, 8000.0)
