@@ -6,7 +6,7 @@ from sonobench.signal.framing import GROUP, Frames, Framing, Tail, WindowName, d
 from sonobench.signal.peaks import local_maxima, pick, refine
 from sonobench.signal.rig import Rig, pair_sensors, rig, stack_sensor, widened
 from sonobench.signal.search import Picked, Search, open_search
-from sonobench.signal.steering import grid, steered_power
+from sonobench.signal.steering import Steering, grid, steered_power, steering
 from sonobench.signal.stream import StreamState, TableFrame, TableStream, open_stream
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Picked",
     "Rig",
     "Search",
+    "Steering",
     "StreamState",
     "TableFrame",
     "TablePlan",
@@ -45,6 +46,7 @@ __all__ = [
     "snr_exponent",
     "stack_sensor",
     "steered_power",
+    "steering",
     "weighed",
     "whitened",
     "widened",

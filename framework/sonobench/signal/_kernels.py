@@ -56,3 +56,24 @@ def look_up(tables: Any, column: Any, out: Any) -> None:  # pragma: no cover - c
     for p in range(column.shape[0]):
         for g in range(column.shape[1]):
             out[g] += tables[p, column[p, g]]
+
+
+@njit(cache=True)
+def steer(tables: Any, elements: Any, pairs: Any, points: Any, place: Any, out: Any) -> None:  # pragma: no cover - compiled
+    """out (n,) = sum over pairs of tables (P, lags), linearly interpolated at the delays of points (n, 3); 0 outside a table.
+
+    `place` is (columns per metre of path difference, column of delay 0).
+    """
+    lags, far = tables.shape[1], np.empty(len(elements))
+    for n in range(len(points)):
+        for m in range(len(elements)):
+            dx, dy, dz = points[n, 0] - elements[m, 0], points[n, 1] - elements[m, 1], points[n, 2] - elements[m, 2]
+            far[m] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        total = 0.0
+        for p in range(len(pairs)):
+            column = (far[pairs[p, 0]] - far[pairs[p, 1]]) * place[0] + place[1]
+            if 0.0 <= column <= lags - 1:
+                low = min(int(column), lags - 2)
+                left = tables[p, low]
+                total += left + (column - low) * (tables[p, low + 1] - left)
+        out[n] = total

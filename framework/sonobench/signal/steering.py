@@ -3,11 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sonobench.geometry import sensor_delays
-from sonobench.types import Array, Field, Floats, Setup
+from sonobench.geometry import place, sensor_delays
+from sonobench.types import Array, DelayTable, Field, Floats, Ints, Scan, Setup
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steering:
+    """Pairs of microphones in the room, for sums over their delay tables at many points.
+
+    Attributes:
+        sensors: (P,) rows of the tables.
+        elements: (M, 3) m, each microphone once.
+        pairs: (P, 2) rows of `elements`.
+        c_m_s: speed of sound.
+    """
+
+    sensors: Ints
+    elements: Array
+    pairs: Ints
+    c_m_s: float
+
+    def sums(self, table: DelayTable, points: Floats) -> Array:
+        """Sum over the pairs (n,) at points (n, 3) m, tables interpolated linearly."""
+        from sonobench.signal._kernels import steer
+
+        points = np.ascontiguousarray(points, float)
+        out = np.empty(len(points))
+        to_column = np.array([1.0 / (self.c_m_s * table.step_s), -table.start_s / table.step_s])
+        steer(table.values[self.sensors], self.elements, self.pairs, points, to_column, out)
+        return out
+
+
+def steering(setup: Setup, sensors: Sequence[int], scan: Scan | None = None) -> Steering:
+    """The pairs of single-pair "tdoa" sensors of a setup, where they are at the scan's time."""
+    ends = [place(setup.pose(setup.sensors[q], scan), setup.sensors[q].elements)[setup.sensors[q].pairs[0]] for q in sensors]
+    elements, index = np.unique(np.concatenate(ends) if ends else np.zeros((0, 3)), axis=0, return_inverse=True)
+    return Steering(np.array(sensors, np.int64), elements, np.asarray(index, np.int64).reshape(-1, 2), setup.c_m_s)
 
 
 def steered_power(table: Field, setup: Setup, points: Floats, sensors: Sequence[int] | None = None) -> Array:
