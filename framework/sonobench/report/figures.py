@@ -76,7 +76,7 @@ def _room(header: Header, truth: Truth, estimates: Sequence[Estimate], space: Sp
     if space is not None:
         _add_estimates(axes, _rows(estimates, space, ("x_m", "y_m"))[:, 1:], low, high, "room" if header.box_m is not None else "picture")
     if len(microphones):
-        axes.plot(microphones[:, 0], microphones[:, 1], "^", ms=6, color=_MICROPHONE, mec="white", mew=0.5, label="microphones", zorder=3)
+        axes.plot(microphones[:, 0], microphones[:, 1], "^", ms=6, color=_MICROPHONE, mec="white", mew=0.5, label=_word(header), zorder=3)
     axes.set_aspect("equal")
     finish(axes, "x (m)", "y (m)")
     return drawn
@@ -148,6 +148,10 @@ def _ground(header: Header, truth: Truth, microphones: Array) -> tuple[Array, Ar
     points = np.concatenate([truth.position[truth.exists][:, :2], microphones[:, :2]])
     points = points if len(points) else np.zeros((1, 2))
     return points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
+
+
+def _word(header: Header) -> str:
+    return "vector sensors" if header.arrays and all(a.kind == "avs" for a in header.arrays) else "microphones"
 
 
 def _microphones(header: Header) -> Array:
