@@ -58,6 +58,11 @@ _LEFT, _RIGHT = (np.array([[split[side] for split in splits] for splits in _SPLI
 _IN_TEN = _QUADRUPLE[PAIRS[:, None, 0], PAIRS[:, None, 1], PAIRS[None, :, 0], PAIRS[None, :, 1]]
 _IN_SIXTEEN = _QUADRUPLE.reshape(16, 16)
 
+_EACH, _FOUR = np.arange(35)[:, None].repeat(3, axis=1), np.arange(35)[:, None].repeat(4, axis=1)
+#: of ijkl without its l-th: the pair of the first two, and the third
+_REST_PAIR = np.array([[_PAIR[tuple(np.delete(q, l)[:2])] for l in range(4)] for q in QUADRUPLES])
+_REST = np.array([[np.delete(q, l)[2] for l in range(4)] for q in QUADRUPLES])
+
 
 class Moments(NamedTuple):
     """What frames say: cumulant (f, 35) by `QUADRUPLES`, covariance (f, 10) by `PAIRS`; error (f, 45, 45) sampling covariance of the two, or None."""
@@ -128,10 +133,12 @@ def _of_frame(y: Array, mean: Mean, error: bool) -> tuple[Array, Array, Array | 
     n = y.shape[1]
     if mean == "unknown":
         y -= y.mean(axis=1, keepdims=True)
-    pairs = y[PAIRS[:, 0]] * y[PAIRS[:, 1]]
-    second = pairs.mean(axis=1)
-    gram = pairs @ pairs.T / n
-    fourth = gram[_FIRST, _LAST]
+    if error:
+        gram, blocks, block = _products(y)
+        level = gram[45]
+        fourth, second = level[:35], level[35:45]
+    else:
+        fourth, second = _plain(y)
     split = (second[_LEFT] * second[_RIGHT]).sum(axis=1)
     if mean == "unknown":
         cumulant = n * n * ((n + 1) * fourth - (n - 1) * split) / ((n - 1.0) * (n - 2.0) * (n - 3.0))
@@ -139,48 +146,67 @@ def _of_frame(y: Array, mean: Mean, error: bool) -> tuple[Array, Array, Array | 
     else:
         cumulant = ((n + 2) * fourth - n * split) / (n - 1)
         covariance = second
-    return cumulant, covariance, _error(y, pairs, second, fourth, mean) if error else None
+    return cumulant, covariance, _error(gram, blocks, block, n, mean) if error else None
 
 
-def _error(y: Array, pairs: Array, second: Array, fourth: Array, mean: Mean) -> Array:
+def _plain(y: Array) -> tuple[Array, Array]:
+    """Fourth (35,) and second (10,) moments: all fourth ones are in the products of the ten pairs."""
+    n = y.shape[1]
+    buffer = np.empty((10, min(_CHUNK, n)))
+    gram, second = np.zeros((10, 10)), np.zeros(10)
+    for start in range(0, n, _CHUNK):
+        part = y[:, start : start + _CHUNK]
+        pairs = _pairs(part, buffer[:, : part.shape[1]])
+        gram += pairs @ pairs.T
+        second += pairs.sum(axis=1)
+    return gram[_FIRST, _LAST] / n, second / n
+
+
+def _pairs(y: Array, out: Array) -> Array:
+    for k, (i, j) in enumerate(PAIRS.tolist()):
+        np.multiply(y[i], y[j], out=out[k])
+    return out
+
+
+def _products(y: Array) -> tuple[Array, Array, int]:
+    """Means (50, 50) of products two by two of the 35 quartics, the 10 pairs, 1 and the 4 channels; means (50, blocks) of blocks, and their size."""
+    n = y.shape[1]
+    block = max(n // _BLOCKS, 1)
+    size = min(max(_CHUNK // block, 1) * block, n)
+    gram, means = np.zeros((50, 50)), []
+    buffer = np.empty((50, size))
+    buffer[45] = 1.0
+    for start in range(0, n, size):
+        part = y[:, start : start + size]
+        m = part.shape[1]
+        one = buffer[:, :m]
+        pairs = _pairs(part, one[35:45])
+        for k, (first, last) in enumerate(zip(_FIRST, _LAST, strict=True)):
+            np.multiply(pairs[first], pairs[last], out=one[k])
+        one[46:] = part
+        gram += one @ one.T
+        whole = m // block
+        means.append(one[:, : whole * block].reshape(50, whole, block).mean(axis=2))
+    return gram / n, np.concatenate(means, axis=1), block
+
+
+def _error(gram: Array, blocks: Array, block: int, n: int, mean: Mean) -> Array:
     """Sampling covariance (45, 45) of cumulants and covariances.
 
     Each estimate moves with a sample by its influence, linear in the sample's products: y_i y_j y_k y_l − Σ R_ij y_k y_l, and with an
     unknown mean − Σ m_ijk y_l. The mean of the influences' squares is the variance of one sample's share.
     """
-    n = y.shape[1]
-    rows = np.zeros((45, 49))
-    rows[:35, :35], rows[35:, 35:45] = np.eye(35), np.eye(10)
-    for k in range(35):
-        np.subtract.at(rows[k], 35 + _LEFT[k], second[_RIGHT[k]])
-        np.subtract.at(rows[k], 35 + _RIGHT[k], second[_LEFT[k]])
+    second, third = gram[45, 35:45], gram[35:45, 46:]
+    rows = np.zeros((45, 50))
+    rows[:, :45] = np.eye(45)
+    np.subtract.at(rows, (_EACH, 35 + _LEFT), second[_RIGHT])
+    np.subtract.at(rows, (_EACH, 35 + _RIGHT), second[_LEFT])
     if mean == "unknown":
-        third = pairs @ y.T / n
-        for k, q in enumerate(QUADRUPLES):
-            for l in range(4):
-                rest = np.delete(q, l)
-                rows[k, 45 + q[l]] -= third[_PAIR[rest[0], rest[1]], rest[2]]
-    used = 49 if mean == "unknown" else 45
-    rows = rows[:, :used]
-    gram, block = np.zeros((used, used)), max(n // _BLOCKS, 1)
-    sums: list[Array] = []
-    size = max(_CHUNK // block, 1) * block
-    z = np.empty((used, min(size, n)))
-    for start in range(0, n, size):
-        part = pairs[:, start : start + size]
-        m = part.shape[1]
-        one = z[:, :m]
-        np.multiply(part[_FIRST], part[_LAST], out=one[:35])
-        one[35:45] = part
-        if used == 49:
-            one[45:] = y[:, start : start + size]
-        gram += one @ one.T
-        whole = m // block
-        sums.append(one[:, : whole * block].reshape(used, whole, block).sum(axis=2))
-    level = np.concatenate([fourth, second, np.zeros(used - 45)])
-    single = rows @ (gram / n - np.outer(level, level)) @ rows.T
-    means = rows @ (np.concatenate(sums, axis=1) / block - level[:, None])
-    return single / n * _dependence(single, means, block)
+        np.subtract.at(rows, (_FOUR, 46 + QUADRUPLES), third[_REST_PAIR, _REST])
+    rows[:, 45] = -rows @ gram[45]  # so that influences have no mean
+    single = rows @ gram @ rows.T
+    single = 0.5 * (single + single.T)
+    return single / n * _dependence(single, rows @ blocks, block)
 
 
 def _dependence(single: Array, means: Array, block: int) -> float:

@@ -89,6 +89,12 @@ def fit_directions(found: Moments, frame: int, noise: Noise, starts: Array) -> F
     return _described(problem, u[best], theta[best], float(cost[best]))
 
 
+def moments_of(u: Floats, cumulant: Floats, power: Floats) -> Array:
+    """The 45 moments (45,), cumulants and then covariances, of sources from u (m, 3) with cumulants (m,) and powers (m,), without noise."""
+    of_cumulant, of_power, _, _ = _shares(np.asarray(u, float))
+    return np.concatenate([np.asarray(cumulant) @ of_cumulant, np.asarray(power) @ of_power])
+
+
 def pursued(found: Moments, frame: int, noise: Noise, m: int) -> Array:
     """A start (m, 3) by orthogonal matching pursuit: one direction after the other, each the one that explains most of what is left."""
     problem = _problem(found, frame, noise)
@@ -254,8 +260,3 @@ def explained(fit: Fit) -> float:
     from scipy.special import gammaincc
 
     return float(gammaincc(0.5 * max(fit.freedom, 1), 0.5 * fit.misfit))
-
-
-def angle(u: Floats, v: Floats) -> Array:
-    """Angles (…,) between unit vectors (…, 3), rad, precise for small ones."""
-    return np.asarray(2 * np.arctan2(np.linalg.norm(u - v, axis=-1), np.linalg.norm(u + v, axis=-1)))

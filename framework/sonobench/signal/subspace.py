@@ -53,8 +53,10 @@ class Order:
     def __post_init__(self) -> None:
         if self.rule not in ("error", "threshold", "gap", "given"):
             raise ValueError(f"order is {self.rule!r}; 'error', 'threshold', 'gap' or 'given' is needed")
-        if not (0 < self.threshold < 1 and 0 < self.significance < 1 and self.most >= 1 and self.sources >= 0):
-            raise ValueError("threshold must lie between 0 and 1, significance between 0 and 1, most at least 1, sources at least 0")
+        if not (0 < self.threshold < 1 and 0 < self.significance < 1):
+            raise ValueError(f"threshold is {self.threshold}, significance {self.significance}; between 0 and 1 is needed")
+        if not (self.most >= 1 and 0 <= self.sources and (self.rule != "given" or self.sources <= self.most)):
+            raise ValueError(f"sources is {self.sources}, most {self.most}; at least 1, and no more sources than that, is needed")
 
     def count(self, magnitudes: Floats, left: Floats, most: int) -> int:
         """Sources, at most `most`, of sorted magnitudes (d,); `left` (most + 1,), for "error": p-values beyond the first k."""

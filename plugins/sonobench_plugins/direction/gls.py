@@ -29,7 +29,7 @@ class Gls:
     )
     sources: int = 1  #: how many, for "given"
     threshold: float = 0.1  #: share of the largest eigenvalue's magnitude, for "threshold"
-    significance: float = 0.003  #: for "fit" and "error": how improbable what is left must be for there to be one more
+    significance: float = 0.001  #: for "fit" and "error": how improbable what is left must be for there to be one more
     most: int = 6  #: at most this many sources
     noise: Noise = "diagonal"  #: covariance of the noise: "equal", "diagonal", or "any", with which only cumulants are fitted
     mean: Mean = "unknown"  #: "zero" where samples are known to have none
