@@ -40,6 +40,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "iphat": f"{_HERE}.delay.iphat:Iphat",
             "subtracted-phat": f"{_HERE}.delay.subtracted_phat:SubtractedPhat",
             "selected-phat": f"{_HERE}.delay.selected_phat:SelectedPhat",
+            "diffuse-masked-phat": f"{_HERE}.delay.diffuse_masked_phat:DiffuseMaskedPhat",
         },
         "activity": {
             "energy": f"{_HERE}.activity.energy:Energy",
@@ -130,6 +131,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "direction-error": f"{_HERE}.metric.direction_error:DirectionError",
             "direction-bound": f"{_HERE}.metric.direction_bound:DirectionBound",
             "direction-posterior-bound": f"{_HERE}.metric.direction_posterior_bound:DirectionPosteriorBound",
+            "bearing-posterior-bound": f"{_HERE}.metric.bearing_posterior_bound:BearingPosteriorBound",
             "ospa-direction": f"{_HERE}.metric.ospa_direction:OspaDirection",
         },
         "sound": {

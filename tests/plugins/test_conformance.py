@@ -33,6 +33,7 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
         "low_m": [0.2, 0.2],
         "high_m": [3.0, 2.8],
     },
+    ("tracker", "cbmember"): {"particles": 150},
     ("spawn", "offset"): {"weights": [0.1], "offsets": [[0.1, 0.0, 0.0, 0.0]], "variances": [[0.01, 0.1, 0.01, 0.1]]},
     ("measurement", "tdoa-images"): {"reach_s": 0.02, "sensor": "pair"},
     ("trajectory", "langevin-walk"): {"seed": 1, "start_m": [1.0, 1.0, 1.2], "low_m": [0.2, 0.2], "high_m": [3.0, 2.8]},
