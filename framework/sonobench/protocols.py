@@ -75,7 +75,8 @@ class Delay(Protocol):
 
     cross (…, P, bin) complex being the averaged S_i conj(S_j), power (…, mic, bin) the averaged |S|²; it returns the weighted
     cross-spectra (…, P, bin). Front ends then use `weigh` in place of `correlate`, scale each so that the magnitudes average
-    to one over the bins, and transform back; `sonobench.signal.weighed` is the `correlate` that goes with it.
+    to one over the bins, and transform back; `sonobench.signal.weighed` is the `correlate` that goes with it. One that depends on where
+    the microphones are has `bind(bin_hz, spacing_m (P,), c_m_s) -> Delay`, which front ends call once: bin k lies at k bin_hz.
     """
 
     def correlate(self, spectra: Complexes, pairs: Ints) -> Floats:

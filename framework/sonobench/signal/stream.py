@@ -193,7 +193,17 @@ def open_stream(
     band_hz = passed_hz(parts[2], header.band_hz, unit.rate_hz)
     plan = plan_tables(unit.pairs, unit.rate_hz, name, cutting.length, float(unit.max_delay_s.max()), band_hz, oversampling)
     keep = float(np.exp(-cutting.hop / cutting.rate_hz / memory_s)) if memory_s > 0.0 else 0.0
-    return TableStream(cutting, plan, parts[0], parts[1], keep, parts[2], _keep_spectra(parts[0], cutting, plan))
+    delay = _bound(parts[0], unit, header.c_m_s, unit.rate_hz / plan.fft_length)
+    return TableStream(cutting, plan, delay, parts[1], keep, parts[2], _keep_spectra(delay, cutting, plan))
+
+
+def _bound(delay: Delay, unit: Rig, c_m_s: float, bin_hz: float) -> Delay:
+    """The estimator that knows how far apart the pairs' microphones are, where it wants to."""
+    if not hasattr(delay, "bind"):
+        return delay
+    spacing_m = np.linalg.norm(unit.room[unit.pairs[:, 0]] - unit.room[unit.pairs[:, 1]], axis=-1)
+    bound: Delay = delay.bind(bin_hz, spacing_m, c_m_s)
+    return bound
 
 
 def _keep_spectra(delay: Any, cutting: Framing, plan: TablePlan) -> float:
