@@ -27,8 +27,9 @@ from sonobench.types import Array, DirectionSpectrum, Floats
 
 Noise = Literal["equal", "diagonal", "any"]
 
-_CANDIDATES = 2000
+_CANDIDATES = 600
 _STEPS = 20
+_TRIED, _KEPT = 6, 3  # after so many steps only the best starts go on
 _RIDGE = 1e-10
 _FLOOR = 1e-8
 
@@ -72,14 +73,17 @@ def fit_directions(found: Moments, frame: int, noise: Noise, starts: Array) -> F
         raise ValueError("a fit of directions needs at least one start")
     problem = _problem(found, frame, noise)
     u = np.array(starts, float)
-    cost, theta = _solved(problem, u)
+    cost, theta, X = _solved(problem, u)
     damping = np.full(len(u), 1e-2)
-    for _ in range(_STEPS):
-        step = _step(problem, u, theta, damping)
-        there = moved(u, step)
-        new_cost, new_theta = _solved(problem, there)
+    for count in range(_STEPS):
+        if count == _TRIED:
+            kept = np.argsort(cost, kind="stable")[:_KEPT]
+            u, theta, X, cost, damping = u[kept], theta[kept], X[kept], cost[kept], damping[kept]
+        there = moved(u, _step(problem, u, theta, X, damping))
+        new_cost, new_theta, new_X = _solved(problem, there)
         better = new_cost < cost
         u, theta = np.where(better[:, None, None], there, u), np.where(better[:, None], new_theta, theta)
+        X = np.where(better[:, None, None], new_X, X)
         settled = np.abs(cost - new_cost) <= 1e-6 * (1 + cost)
         cost = np.minimum(cost, new_cost)
         damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-9, 1e6)
@@ -91,7 +95,7 @@ def fit_directions(found: Moments, frame: int, noise: Noise, starts: Array) -> F
 
 def moments_of(u: Floats, cumulant: Floats, power: Floats) -> Array:
     """The 45 moments (45,), cumulants and then covariances, of sources from u (m, 3) with cumulants (m,) and powers (m,), without noise."""
-    of_cumulant, of_power, _, _ = _shares(np.asarray(u, float))
+    of_cumulant, of_power = _shares(np.asarray(u, float))
     return np.concatenate([np.asarray(cumulant) @ of_cumulant, np.asarray(power) @ of_power])
 
 
@@ -152,22 +156,26 @@ def _noise_columns(noise: Noise) -> Array:
 @cache
 def _candidates() -> tuple[Array, Array, Array]:
     u = spread_directions(_CANDIDATES)
-    cumulant, power, _, _ = _shares(u)
+    cumulant, power = _shares(u)
     return u, cumulant.T, power.T
 
 
-def _shares(u: Array) -> tuple[Any, Any, Any, Any]:
-    """Of sources from u (…, 3): the moments of a cumulant (…, 35) and of a power (…, 10) of 1, and their slopes (…, 2, 35), (…, 2, 10)."""
+def _shares(u: Array) -> tuple[Any, Any]:
+    """Of sources from u (…, 3): the moments of a cumulant (…, 35) and of a power (…, 10) of 1."""
     a = np.concatenate([np.ones((*u.shape[:-1], 1)), u], axis=-1)
+    power = a[..., PAIRS[:, 0]] * a[..., PAIRS[:, 1]]
+    return power[..., _HALVES[0]] * power[..., _HALVES[1]], power
+
+
+def _share_slopes(u: Array) -> tuple[Any, Any]:
+    """Derivatives (…, 2, 35) and (…, 2, 10) of `_shares` along `tangent`."""
+    a = np.concatenate([np.ones((*u.shape[:-1], 1)), u], axis=-1)[..., None, :]
     slope = np.concatenate([np.zeros((*u.shape[:-1], 2, 1)), tangent(u).swapaxes(-1, -2)], axis=-1)
     i, j = PAIRS.T
     first, last = _HALVES
     power = a[..., i] * a[..., j]
-    left, right = a[..., None, i], a[..., None, j]
-    power_slope = slope[..., i] * right + left * slope[..., j]
-    cumulant = power[..., first] * power[..., last]
-    cumulant_slope = power_slope[..., first] * power[..., None, last] + power[..., None, first] * power_slope[..., last]
-    return cumulant, power, cumulant_slope, power_slope
+    power_slope = slope[..., i] * a[..., j] + a[..., i] * slope[..., j]
+    return power_slope[..., first] * power[..., last] + power[..., first] * power_slope[..., last], power_slope
 
 
 _INDEX = {(int(i), int(j)): k for k, (i, j) in enumerate(PAIRS)}
@@ -176,7 +184,7 @@ _HALVES = [np.array([_INDEX[int(q[a]), int(q[a + 1])] for q in QUADRUPLES]) for 
 
 def _linear(problem: _Problem, u: Array) -> Array:
     """Whitened columns (s, k, parameters): cumulants, powers, noise."""
-    cumulant, power, _, _ = _shares(u)
+    cumulant, power = _shares(u)
     parts = [problem.turn[:, :35] @ cumulant.swapaxes(-1, -2)]
     if problem.turn.shape[1] == 45:
         parts.append(problem.turn[:, 35:] @ power.swapaxes(-1, -2))
@@ -195,28 +203,28 @@ def _normal(X: Array, damping: Array | None = None) -> Array:
     return square + (more * diagonal)[..., None] * np.eye(n)
 
 
-def _solved(problem: _Problem, u: Array) -> tuple[Array, Array]:
-    """Misfits (s,) of directions (s, m, 3) and the linear parameters (s, n) of the least."""
+def _solved(problem: _Problem, u: Array) -> tuple[Array, Array, Array]:
+    """Misfits (s,) of directions (s, m, 3), the linear parameters (s, n) of the least, and their columns (s, k, n)."""
     X = _linear(problem, u)
     theta = np.linalg.solve(_normal(X), (X.swapaxes(-1, -2) @ problem.y)[..., None])[..., 0]
     left = problem.y - (X @ theta[..., None])[..., 0]
-    return np.asarray((left * left).sum(axis=-1), float), np.asarray(theta, float)
+    return np.asarray((left * left).sum(axis=-1), float), np.asarray(theta, float), X
 
 
 def _slopes(problem: _Problem, u: Array, theta: Array) -> Array:
     """Whitened derivatives (s, k, 2m) along each direction's `tangent`."""
     s, m = u.shape[:2]
-    _, _, cumulant, power = _shares(u)
+    cumulant, power = _share_slopes(u)
     slope = (theta[:, :m, None, None] * cumulant).reshape(s, 2 * m, 35) @ problem.turn[:, :35].T
     if problem.turn.shape[1] == 45:
         slope = slope + (theta[:, m : 2 * m, None, None] * power).reshape(s, 2 * m, 10) @ problem.turn[:, 35:].T
     return np.asarray(slope.swapaxes(-1, -2))
 
 
-def _step(problem: _Problem, u: Array, theta: Array, damping: Array) -> Array:
+def _step(problem: _Problem, u: Array, theta: Array, X: Array, damping: Array) -> Array:
     """Damped Gauss-Newton steps (s, m, 2)."""
     s, m = u.shape[:2]
-    X, D = _linear(problem, u), _slopes(problem, u, theta)
+    D = _slopes(problem, u, theta)
     left = problem.y - (X @ theta[..., None])[..., 0]
     J = np.concatenate([X, D], axis=-1)
     n = X.shape[-1]

@@ -179,12 +179,15 @@ def steering(u: Floats, b: int) -> Array:
 def tangent(u: Floats) -> Array:
     """Orthonormal vectors (…, 3, 2) across unit vectors (…, 3), along azimuth and elevation."""
     u = np.asarray(u)
-    level = np.hypot(u[..., 0], u[..., 1])
-    safe = np.maximum(level, 1e-12)
-    east = np.stack(
-        [np.where(level > 1e-12, -u[..., 1] / safe, 0.0), np.where(level > 1e-12, u[..., 0] / safe, 1.0), np.zeros_like(level)], axis=-1
-    )
-    return np.stack([east, np.cross(u, east)], axis=-1)
+    x, y, z = u[..., 0], u[..., 1], u[..., 2]
+    level = np.sqrt(x * x + y * y)
+    pole = level < 1e-12
+    safe = np.where(pole, 1.0, level)
+    cos, sin = np.where(pole, 1.0, x / safe), y / safe
+    across = np.zeros((*u.shape, 2))
+    across[..., 0, 0], across[..., 1, 0] = -sin, cos
+    across[..., 0, 1], across[..., 1, 1], across[..., 2, 1] = -z * cos, -z * sin, level
+    return across
 
 
 def slopes(u: Floats, b: int) -> Array:
