@@ -37,10 +37,11 @@ from sonobench.filtering.label_sets import (
     sets_of,
     sets_survived,
 )
+from sonobench.filtering.mixture import take
 from sonobench.filtering.resampling import systematic
 from sonobench.filtering.steps import elapsed, survival
 from sonobench.protocols import Birth, BoundLikelihood, Likelihood, Measurement, Mixture, Motion, State
-from sonobench.types import Array, Estimate, Ints, Scan, Setup, Space
+from sonobench.types import Array, Bools, Estimate, Ints, Scan, Setup, Space
 from sonobench_plugins.birth.room import Room
 from sonobench_plugins.likelihood.tdoa_field import TdoaField
 from sonobench_plugins.motion.constant_velocity import ConstantVelocity
@@ -125,14 +126,15 @@ class FieldLmb:
         silent = state.likelihood.log_ratio(np.zeros((0, len(self.space))), scan) is None
         state = self._predicted(rng, replace(state, time_s=scan.time_s), dt_s)
         if silent:
-            return state, self._reported(state)
+            return state, self._reported(state, self._summary(state.tracks))
         if not self.birth.uses_scan:
-            state = self._born(rng, state, scan)
-        state = self._reduced(self._updated(state, scan))
-        estimate = self._reported(state)
+            state = self._born(rng, state, scan, self._summary(state.tracks))
+        state = self._updated(state, scan)
+        state, summary = self._reduced(state, self._summary(state.tracks))
+        estimate = self._reported(state, summary)
         state = replace(state, tracks=self._resampled(rng, state.tracks))
         if self.birth.uses_scan:  # the scan that proposes them must not confirm them too
-            state = self._born(rng, state, scan)
+            state = self._born(rng, state, scan, summary)
         return state, estimate
 
     def _predicted(self, rng: np.random.Generator, state: FieldLmbState, dt_s: float) -> FieldLmbState:
@@ -142,13 +144,15 @@ class FieldLmb:
         moved = tracks._replace(r=tracks.r * p_s, x=np.reshape(x, (n, N, d)), mode=np.reshape(mode, (n, N)))
         return replace(state, tracks=moved, sets=None if state.sets is None else sets_survived(state.sets, p_s))
 
-    def _born(self, rng: np.random.Generator, state: FieldLmbState, scan: Scan) -> FieldLmbState:
-        memory, born = self.birth.propose(rng, state.memory, scan, self._summary(state.tracks))
+    def _born(self, rng: np.random.Generator, state: FieldLmbState, scan: Scan, live: Mixture) -> FieldLmbState:
+        memory, born = self.birth.propose(rng, state.memory, scan, live)
         return self._joined(rng, replace(state, memory=memory), born)
 
     def _joined(self, rng: np.random.Generator, state: FieldLmbState, born: Mixture) -> FieldLmbState:
         """With a new label for every born component; modes are equally probable where the motion has several."""
         (J, d), N, tracks = born.m.shape, self.particles, state.tracks
+        if J == 0:
+            return state
         x = born.m[:, None] + rng.standard_normal((J, N, d)) @ np.swapaxes(root(born.P), -1, -2)
         mode = rng.permuted(np.tile(np.arange(N, dtype=np.int64) % self.motion.n_modes, (J, 1)), axis=1)
         new = Tracks(state.following + np.arange(J, dtype=np.int64), np.clip(born.w, 0.0, 1.0), np.full((J, N), -np.log(N)), x, mode)
@@ -172,29 +176,31 @@ class FieldLmb:
         sets = sets_heard(state.sets, log_eta)
         return replace(state, tracks=tracks._replace(r=sets_existence(sets), log_w=log_w), sets=sets)
 
-    def _reduced(self, state: FieldLmbState) -> FieldLmbState:
-        """Without labels that share another's peak or hardly exist."""
-        tracks = state.tracks
-        summary = self._summary(tracks)
-        columns = self._columns()
+    def _reduced(self, state: FieldLmbState, summary: Mixture) -> tuple[FieldLmbState, Mixture]:
+        """Without labels that share another's peak or hardly exist; and the summary of those that are left."""
+        tracks, alike = state.tracks, self._alike(summary)
         kept: list[int] = []
-        for i in np.lexsort((tracks.label, -np.round(tracks.r, 9))):  # rounding must not decide between equals
-            if tracks.r[i] >= self.prune_existence and not any(self._alike(summary, columns, int(i), j) for j in kept):
+        for i in _likeliest(tracks):
+            if tracks.r[i] >= self.prune_existence and not alike[i, kept].any():
                 kept.append(int(i))
-        return self._limited(_only(state, np.sort(np.array(kept, np.int64))))
+        left = np.sort(np.array(kept, np.int64))
+        return _only(state, left), take(summary, left)
 
     def _limited(self, state: FieldLmbState) -> FieldLmbState:
-        tracks = state.tracks
-        if len(tracks.r) <= self.most_labels:
+        if len(state.tracks.r) <= self.most_labels:
             return state
-        return _only(state, np.sort(np.lexsort((tracks.label, -np.round(tracks.r, 9)))[: self.most_labels]))
+        return _only(state, np.sort(_likeliest(state.tracks)[: self.most_labels]))
 
-    def _alike(self, summary: Mixture, columns: list[int], i: int, j: int) -> bool:
-        off = self.space.residual(summary.m[i], summary.m[j])[columns]
-        spread = (summary.P[i] + summary.P[j])[np.ix_(columns, columns)]
-        scale = np.sqrt(np.maximum(np.diag(spread), np.finfo(float).tiny))
-        unit = off / scale
-        return bool(unit @ np.linalg.solve(spread / np.outer(scale, scale) + 1e-9 * np.eye(len(columns)), unit) < self.merge_distance**2)
+    def _alike(self, summary: Mixture) -> Bools:
+        """Which labels (n, n) cannot be told apart by where they are."""
+        columns = self._columns()
+        off = self.space.residual(summary.m[:, None], summary.m)[..., columns]
+        P = summary.P[:, columns][:, :, columns]
+        spread = P[:, None] + P
+        scale = np.sqrt(np.maximum(np.diagonal(spread, axis1=-2, axis2=-1), np.finfo(float).tiny))
+        unit = (off / scale)[..., None]
+        white = np.linalg.solve(spread / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(len(columns)), unit)
+        return np.asarray((unit * white).sum(axis=(-2, -1)) < self.merge_distance**2)
 
     def _columns(self) -> list[int]:
         names = [n for n in (*_ANGLES, *_PLACES) if n in self.space.names]
@@ -215,7 +221,7 @@ class FieldLmb:
     def _turns(self, x: Array) -> Array:
         return np.asarray(x - self.space.residual(x, np.zeros_like(x)))
 
-    def _reported(self, state: FieldLmbState) -> Estimate:
+    def _reported(self, state: FieldLmbState, summary: Mixture) -> Estimate:
         tracks, sets = state.tracks, state.sets
         if self.report == "existence":
             found = np.flatnonzero(tracks.r > self.extract_existence)
@@ -223,9 +229,9 @@ class FieldLmb:
             found = best_set(sets, int(np.argmax(sets_cardinality(sets))))
         else:
             found = np.sort(np.argsort(-tracks.r, kind="stable")[: int(np.argmax(cardinality(tracks.r)))])
-        own = self._summary(_taken(tracks, found))
+        own = take(summary, found)
         count, info = float(tracks.r.sum()), {"labels": len(tracks.r)}
-        return Estimate(state.time_s, own.m, own.P, tracks.label[found], tracks.r[found], count, info)
+        return Estimate(state.time_s, own.m, own.P, tracks.label[found], own.w, count, info)
 
     def _resampled(self, rng: np.random.Generator, tracks: Tracks) -> Tracks:
         n, N, _ = tracks.x.shape
@@ -240,6 +246,11 @@ class FieldLmb:
 
 def _only(state: FieldLmbState, kept: Ints) -> FieldLmbState:
     return replace(state, tracks=_taken(state.tracks, kept), sets=None if state.sets is None else sets_kept(state.sets, kept))
+
+
+def _likeliest(tracks: Tracks) -> Ints:
+    """Labels by falling existence, of equals the older first; rounding must not decide between equals."""
+    return np.lexsort((tracks.label, -np.round(tracks.r, 9))).astype(np.int64)
 
 
 def _taken(tracks: Tracks, which: Ints) -> Tracks:
