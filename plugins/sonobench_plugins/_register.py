@@ -51,6 +51,9 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "langevin": f"{_HERE}.motion.langevin:Langevin",
             "constant-velocity": f"{_HERE}.motion.constant_velocity:ConstantVelocity",
             "coordinated-turn": f"{_HERE}.motion.coordinated_turn:CoordinatedTurn",
+            "random-walk": f"{_HERE}.motion.random_walk:RandomWalk",
+            "adaptive-langevin": f"{_HERE}.motion.adaptive_langevin:AdaptiveLangevin",
+            "adaptive-constant-velocity": f"{_HERE}.motion.adaptive_constant_velocity:AdaptiveConstantVelocity",
             "bearing-velocity": f"{_HERE}.motion.bearing_velocity:BearingVelocity",
             "bearing-acceleration": f"{_HERE}.motion.bearing_acceleration:BearingAcceleration",
             "bearing-turn": f"{_HERE}.motion.bearing_turn:BearingTurn",
@@ -66,6 +69,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "multi-feature": f"{_HERE}.likelihood.multi_feature:MultiFeature",
             "tdoa-field": f"{_HERE}.likelihood.tdoa_field:TdoaField",
             "direction-spectrum": f"{_HERE}.likelihood.direction_spectrum:SpectrumLikelihood",
+            "fitted-detection": f"{_HERE}.likelihood.fitted_detection:FittedDetection",
         },
         "direction": {
             "intensity": f"{_HERE}.direction.intensity:Intensity",
