@@ -48,7 +48,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("front_end", {"use": "srp-peaks", "preprocess": [{"use": "noise-reduction", "rule": "subtraction"}, "normalise"]}),
     ("front_end", {"use": "gcc-max", "preprocess": [{"use": "pre-filter", "low_hz": 200.0, "high_hz": 6000.0}, "noise-reduction"]}),
     ("front_end", {"use": "avs", "direction": "wpf-mp", "preprocess": ["pre-filter"], "activity": "energy"}),
-    ("front_end", {"use": "avs", "spectrum": "covariance", "frame_s": 0.2}),
+    ("front_end", {"use": "avs", "spectrum": "covariance", "frame_s": 0.5, "hop_s": 0.5}),
     ("direction", {"use": "wpf-mp", "noise": "diagonal", "literal": ["unnormalised"]}),
     ("direction", {"use": "maximum-power-exact", "noise": "diagonal"}),
     ("direction", {"use": "maximum-power-exact", "noise": "eigen", "confidence": "residuals"}),

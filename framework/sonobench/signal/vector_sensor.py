@@ -55,34 +55,35 @@ def coherent_share(C: Floats) -> Array:
 
 
 def noise_variances(C: Floats, rule: Noise = "moment", sources: int = 1) -> Array:
-    """Variances of the noise of p, vx, vy, vz (…, 4), at least `FLOOR` of the mean power of a channel, and of `tiny` in silence.
+    """Variances of the noise of p, vx, vy, vz (…, 4), at least `FLOOR` of the mean power of a channel, and above 0 in silence.
 
     Args:
         C: (…, 4, 4).
         rule: "moment": σ_s² is |c_vp| of one source, what C_pp and tr C_vv hold beyond it is noise, equal in the three velocities. "eigen": the
-            lowest 3 − `sources` eigenvalues of C_vv are σ_v². "diagonal": as "moment", the three velocities each by itself.
+            lowest 3 − `sources` eigenvalues of C_vv are σ_v². "diagonal": four variances, the likeliest with one source (`fitted`).
         sources: how many, for "eigen"; the others presume one.
 
     Raises:
         ValueError: no such rule.
     """
     C = np.asarray(C, float)
-    p, c = C[..., 0, 0], C[..., 1:, 0]
-    diagonal = np.einsum("...ii->...i", C[..., 1:, 1:])
+    if rule == "diagonal":
+        return fitted(C).noise
+    if rule not in ("moment", "eigen"):
+        raise ValueError(f"noise is {rule!r}; 'moment', 'eigen' or 'diagonal' is needed")
+    velocities = np.trace(C[..., 1:, 1:], axis1=-2, axis2=-1)
     if rule == "eigen":
         velocity = np.linalg.eigvalsh(C[..., 1:, 1:])[..., : 3 - sources].mean(axis=-1)
-        source = diagonal.sum(axis=-1) - 3.0 * velocity
+        source = velocities - 3.0 * velocity
     else:
-        source = np.linalg.norm(c, axis=-1)
-        velocity = (diagonal.sum(axis=-1) - source) / 3.0
-    found = np.stack([p - source, velocity, velocity, velocity], axis=-1)
-    if rule == "diagonal":
-        share = np.divide(c**2, source[..., None], out=np.zeros_like(c), where=source[..., None] > 0)
-        found[..., 1:] = diagonal - share
-    elif rule not in ("moment", "eigen"):
-        raise ValueError(f"noise is {rule!r}; 'moment', 'eigen' or 'diagonal' is needed")
+        source = np.linalg.norm(C[..., 1:, 0], axis=-1)
+        velocity = (velocities - source) / 3.0
+    return _floored(np.stack([C[..., 0, 0] - source, velocity, velocity, velocity], axis=-1), C)
+
+
+def _floored(variances: Floats, C: Floats) -> Array:
     least = FLOOR * np.trace(C, axis1=-2, axis2=-1)[..., None] / 4.0
-    return np.asarray(np.maximum(found, np.maximum(least, np.finfo(float).tiny)))
+    return np.asarray(np.maximum(variances, np.maximum(least, np.finfo(float).tiny)))
 
 
 def maximiser(A: Floats, b: Floats) -> Array:
@@ -229,3 +230,75 @@ def _of_residuals(samples: Floats, u: Array, solve: Callable[[Array], Solution],
     step = apart(angles(there), angles(u)[:, None])
     step = step - step.mean(axis=1, keepdims=True)
     return np.einsum("fbi,fbj->fij", step, step) / ((blocks - 1) * blocks)
+
+
+class Fit(NamedTuple):
+    """One source in noise of four variances, the likeliest: u (…, 3), source (…,), noise (…, 4).
+
+    M (…, 7, 4, 4), symmetric, are the sensitivities to δC of arcs east and north and of the logarithms of source and noise.
+    """
+
+    u: Array
+    source: Array
+    noise: Array
+    M: Array
+
+
+def fitted(C: Floats, steps: int = 4) -> Fit:
+    """Maximum likelihood of C = σ_s² a aᵀ + diag(q) for Gaussian snapshots, by Fisher scoring from the moments.
+
+    A step that does not raise the likelihood is not taken, so the worst answer is that of the moments: the intensity's direction.
+    """
+    C = np.asarray(C, float)
+    level = np.maximum(np.trace(C, axis1=-2, axis2=-1) / 4.0, np.finfo(float).tiny)
+    C = C / level[..., None, None] + FLOOR * np.eye(4)
+    u = _unit(C[..., 1:, 0])
+    source = np.maximum(np.linalg.norm(C[..., 1:, 0], axis=-1, keepdims=True), FLOOR)
+    held = np.concatenate([source, source * u * u], axis=-1)
+    power = np.log(np.concatenate([source, _floored(np.einsum("...ii->...i", C) - held, C)], axis=-1))
+    model, gain = _scoring(u, power)
+    likelihood = _likelihood(model, C)
+    for _ in range(steps):
+        step = np.einsum("...iab,...ab->...i", gain, C - model).clip(-1.0, 1.0)
+        there, level_there = _unit(u + np.einsum("...i,...ij->...j", step[..., :2], axes(u))), power + step[..., 2:]
+        trial, trial_gain = _scoring(there, level_there)
+        value = _likelihood(trial, C)
+        better = value > likelihood
+        u, power = np.where(better[..., None], there, u), np.where(better[..., None], level_there, power)
+        pick = better[..., None, None]
+        model, gain = np.where(pick, trial, model), np.where(pick[..., None], trial_gain, gain)
+        likelihood = np.where(better, value, likelihood)
+    scale = np.exp(power) * level[..., None]
+    return Fit(u, scale[..., 0], scale[..., 1:], gain / level[..., None, None, None])
+
+
+def _scoring(u: Array, power: Array) -> tuple[Array, Array]:
+    """Covariances (…, 4, 4) of directions (…, 3) and logarithms of powers (…, 5), and gain (…, 7, 4, 4): a step is gain : (C − model)."""
+    a = np.concatenate([np.ones((*u.shape[:-1], 1)), u], axis=-1)
+    across = np.concatenate([np.zeros((*u.shape[:-1], 2, 1)), axes(u)], axis=-1)
+    power = np.exp(power)
+    outer = power[..., :1, None] * a[..., :, None] * a[..., None, :]
+    model = outer + power[..., 1:, None] * np.eye(4)
+    turned = power[..., :1, None, None] * across[..., :, :, None] * a[..., None, None, :]
+    noise = power[..., 1:, None, None] * (np.eye(4)[:, :, None] * np.eye(4)[:, None, :])
+    D = np.concatenate([turned + np.swapaxes(turned, -1, -2), outer[..., None, :, :], noise], axis=-3)
+    inverse = np.linalg.inv(model)[..., None, :, :]
+    pulled = inverse @ D @ inverse
+    flat = D.reshape(*D.shape[:-2], 16)
+    information = np.swapaxes(flat @ np.swapaxes(pulled.reshape(flat.shape), -1, -2), -1, -2)
+    gain = np.linalg.solve(information + 1e-12 * np.eye(7), pulled.reshape(flat.shape))
+    return model, gain.reshape(D.shape)
+
+
+def _likelihood(model: Array, C: Floats) -> Array:
+    """2 / N times the log-likelihood (…,), less a constant."""
+    return np.asarray(-np.linalg.slogdet(model)[1] - np.einsum("...ij,...ji->...", np.linalg.inv(model), C))
+
+
+def with_noise_error(M: Array, fit: Fit) -> Array:
+    """M (…, 2, 4, 4) of an estimator that whitens by a fit's noise, whose own errors then count to first order: M : (δC − diag δq).
+
+    Noise that is taken to be equal in the three velocities has no such term: its error turns nothing.
+    """
+    weight = np.einsum("...ii->...i", M) * fit.noise[..., None, :]
+    return np.asarray(M - np.einsum("...ai,...ijk->...ajk", weight, fit.M[..., 3:, :, :]))

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from sonobench.testing import (  # noqa: F401  (fill CHECKS)
+    directions,
     front_ends,
     general,
     likelihoods,

@@ -10,7 +10,7 @@ import numpy as np
 
 from sonobench import pipeline
 from sonobench.errors import SetupError, SonobenchError
-from sonobench.testing import fixtures
+from sonobench.testing import directions, fixtures
 from sonobench.testing.fixtures import MemoryRecording
 from sonobench.testing.kit import Case, Skip, broken, claim, need, unmet
 from sonobench.types import Scan
@@ -29,7 +29,12 @@ def _samples_only(case: Case) -> None:
 
 def recording(front_end: Any) -> MemoryRecording:
     """The synthetic recording that suits what it consumes."""
-    return fixtures.sampled() if _reads_samples(front_end) else fixtures.measured()
+    return _sounding(front_end).sampled() if _reads_samples(front_end) else fixtures.measured()
+
+
+def _sounding(front_end: Any) -> Any:
+    """The module whose `samples` and `sampled` suit it: microphones', or vector sensors' where it takes these alone; eight channels each."""
+    return directions if directions.reads_vectors(front_end) else fixtures
 
 
 def run(front_end: Any, source: MemoryRecording) -> list[Scan]:
@@ -95,10 +100,11 @@ def repeats(case: Case) -> None:
 def blocks(case: Case) -> None:
     """How the samples are cut into blocks does not matter."""
     _samples_only(case)
-    signal = fixtures.samples()
-    usual = run(case.component, fixtures.sampled(signal))
+    of = _sounding(case.component)
+    signal = of.samples()
+    usual = run(case.component, of.sampled(signal))
     for lengths in ((37, 1601, 4096), (len(signal),)):
-        where = differ(usual, run(case.component, fixtures.sampled(signal, lengths)))
+        where = differ(usual, run(case.component, of.sampled(signal, lengths)))
         need(not where, f"blocks of {lengths} samples and of 1600 give different scans: {where}")
 
 
@@ -142,7 +148,7 @@ def state_travels(case: Case) -> None:
 def silence(case: Case) -> None:
     """Digital silence gives scans without detections."""
     _samples_only(case)
-    for scan in run(case.component, fixtures.sampled(np.zeros((9600, 8)))):
+    for scan in run(case.component, _sounding(case.component).sampled(np.zeros((9600, 8)))):
         rows = sum(map(len, scan.detections))
         need(rows == 0, f"{rows} detections in digital silence at {scan.time_s} s")
 
@@ -151,8 +157,9 @@ def silence(case: Case) -> None:
 def every_frame(case: Case) -> None:
     """Every frame yields a scan, also where nothing sounds."""
     _samples_only(case)
-    steady = [s.time_s for s in run(case.component, fixtures.sampled())]
-    paused = [s.time_s for s in run(case.component, fixtures.sampled(fixtures.samples(sounding=(0.2, 0.6))))]
+    of = _sounding(case.component)
+    steady = [s.time_s for s in run(case.component, of.sampled())]
+    paused = [s.time_s for s in run(case.component, of.sampled(of.samples(sounding=(0.2, 0.6))))]
     need(
         steady == paused,
         f"{len(steady)} scans of steady sound, {len(paused)} of sound with pauses; give a scan with `searched` False where nothing sounds",
@@ -163,10 +170,11 @@ def every_frame(case: Case) -> None:
 def nan(case: Case) -> None:
     """Samples that are NaN are refused."""
     _samples_only(case)
-    signal = fixtures.samples()
+    of = _sounding(case.component)
+    signal = of.samples()
     signal[7000:7010, 2] = np.nan
     try:
-        run(case.component, fixtures.sampled(signal))
+        run(case.component, of.sampled(signal))
     except (ValueError, SonobenchError):
         return
     broken("took NaN samples without a word; raise a ValueError that names the array and the sample")
