@@ -2,7 +2,8 @@
 
 Source: Murty 1968, "An algorithm for ranking all the assignments in order of increasing cost"; Vo, Vo & Phung 2014, "Labeled random finite
 sets and the Bayes multi-target tracking filter", for its use in the δ-GLMB; single assignments by SciPy's shortest augmenting paths.
-Deviations: all tables share one queue, so that the result is the best of all children of all parents, not a fixed share of each.
+Deviations: all tables share one queue, so that the result is the best of all children of all parents, not a fixed share of each; and a
+subproblem is solved when its turn comes by a bound from below, which where rows hardly compete is most often never.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ _NEVER = 1e9  # the cost of what cannot be; above any sum of costs that can
 
 
 class _Node(NamedTuple):
-    """The best assignment of `table` whose first `fixed` choices are as given and whose next one is none of `without`."""
+    """The assignments of `table` whose first `fixed` choices are as given and whose next one is none of `without`.
+
+    Where `solved`, choice is the best of them and cost its own; else choice is one whose first choices are given, and cost a bound from below.
+    """
 
     cost: float
     tie: int
@@ -29,6 +33,7 @@ class _Node(NamedTuple):
     fixed: int
     without: tuple[int, ...]
     choice: Ints
+    solved: bool
 
 
 def ranked(log_start: Array, tables: Sequence[Array], private: int) -> Iterator[tuple[float, int, Ints]]:
@@ -42,22 +47,23 @@ def ranked(log_start: Array, tables: Sequence[Array], private: int) -> Iterator[
         private: number of leading columns that rows do not compete for.
     """
     ties, costs = count(), [_spread(table, private) for table in tables]
-    queue = [
-        node
-        for h, cost in enumerate(costs)
-        if (node := _best(cost, h, 0, (), np.zeros(0, np.int64), -float(log_start[h]), ties)) is not None
-    ]
+    least = [cost.min(axis=1) for cost in costs]
+    queue = [_Node(-float(log_start[h]) + x.sum(), next(ties), h, 0, (), np.zeros(len(x), np.int64), False) for h, x in enumerate(least)]
     heapq.heapify(queue)
     while queue:
         node = heapq.heappop(queue)
+        h, start = node.table, -float(log_start[node.table])
+        if not node.solved:
+            best = _best(costs[h], node, start)
+            if best is not None:
+                heapq.heappush(queue, best)
+            continue
         n = len(node.choice)
-        yield -node.cost, node.table, np.where(node.choice < n * private, node.choice // max(n, 1), node.choice - n * private + private)
-        cost, start = costs[node.table], -float(log_start[node.table])
-        for i in range(node.fixed, n):
-            without = (*node.without, int(node.choice[i])) if i == node.fixed else (int(node.choice[i]),)
-            other = _best(cost, node.table, i, without, node.choice[:i], start, ties)
-            if other is not None:
-                heapq.heappush(queue, other)
+        yield -node.cost, h, np.where(node.choice < n * private, node.choice // max(n, 1), node.choice - n * private + private)
+        for i, bound in enumerate(_bounds(costs[h], least[h], node) if n else (), node.fixed):
+            if bound < _NEVER:
+                without = (*node.without, int(node.choice[i])) if i == node.fixed else (int(node.choice[i]),)
+                heapq.heappush(queue, _Node(start + bound, next(ties), h, i, without, node.choice, False))
 
 
 def _spread(table: Array, private: int) -> Array:
@@ -70,18 +76,32 @@ def _spread(table: Array, private: int) -> Array:
     return np.minimum(cost, _NEVER)
 
 
-def _best(cost: Array, table: int, fixed: int, without: tuple[int, ...], first: Ints, start: float, ties: Iterator[int]) -> _Node | None:
-    """The best assignment under these constraints; None where there is none."""
-    free = np.ones(cost.shape[1], bool)
+def _bounds(cost: Array, least: Array, node: _Node) -> Array:
+    """At least what the children of a solved node cost, in which row i from `fixed` on changes its choice: as if later rows did not compete."""
+    n, fixed, own = len(node.choice), node.fixed, cost[np.arange(len(node.choice)), node.choice]
+    free = np.array(cost[fixed:])
+    free[0, list(node.without)] = _NEVER
+    free[:, node.choice[:fixed]] = _NEVER
+    for i in range(fixed, n):
+        free[i - fixed :, node.choice[i]] = _NEVER  # its own, and for later rows a column that is taken
+    before = np.concatenate([[0.0], np.cumsum(own)[:-1]])
+    after = least.sum() - np.cumsum(least)
+    return np.asarray(free.min(axis=1) + (before + after)[fixed:])
+
+
+def _best(cost: Array, node: _Node, start: float) -> _Node | None:
+    """The node with its best assignment; None where there is none."""
+    fixed, free = node.fixed, np.ones(cost.shape[1], bool)
+    first = node.choice[:fixed]
     free[first] = False
     columns = np.flatnonzero(free)
     rest = cost[fixed:, columns]
-    if without:
-        rest[0, np.searchsorted(columns, without)] = _NEVER
+    if node.without:
+        rest[0, np.searchsorted(columns, node.without)] = _NEVER
     rows, taken = linear_sum_assignment(rest)
     left = rest[rows, taken]
     if np.any(left >= _NEVER):
         return None
     choice = np.concatenate([first, columns[taken]]).astype(np.int64)
     total = start + float(cost[np.arange(fixed), first].sum() + left.sum())
-    return _Node(total, next(ties), table, fixed, without, choice)
+    return node._replace(cost=total, choice=choice, solved=True)

@@ -27,7 +27,7 @@ from sonobench.filtering.mixture import cap, empty, merge, prune, take, union
 from sonobench.filtering.phd import log_densities, log_intensity, patterns
 from sonobench.filtering.steps import Update, bound, elapsed, initial, pose_of, survival
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
-from sonobench.types import Array, Estimate, Ints, Scan, Setup, Space
+from sonobench.types import Array, Estimate, Floats, Ints, Scan, Setup, Space
 from sonobench_plugins.birth.from_detections import FromDetections
 from sonobench_plugins.measurement.tdoa import Tdoa
 from sonobench_plugins.motion.constant_velocity import ConstantVelocity
@@ -159,7 +159,7 @@ def balanced(joint: Array, r: Array, absent: Array) -> Array:
     return np.minimum(above / (1.0 + (joint / absent[:, None]).sum(axis=0)), _SUREST)
 
 
-def _conditioned(prior: Mixture, w: Array, residual: Array, S: Array, cross: Array, target: Ints, above: float) -> Mixture:
+def _conditioned(prior: Mixture, w: Array, residual: Floats, S: Array, cross: Array, target: Ints, above: float) -> Mixture:
     """Components of weights w (J, m) above a weight, given each row, as those of targets (m,)."""
     j, k = np.nonzero(w > above)
     K = gain(cross[j], S[j, np.minimum(k, S.shape[1] - 1)])
