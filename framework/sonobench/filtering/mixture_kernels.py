@@ -49,17 +49,16 @@ def _whiten(L: Array, b: Array, out: Array) -> float:
     return square
 
 
-@njit(types.boolean(_A3, _A4, _W2), cache=True)
-def log_densities(residual: Array, S: Array, out: Array) -> bool:
-    """log N(residual (J, m, dz); 0, S (J or 1, m or 1, dz, dz)) into out (J, m); False where a covariance is singular."""
-    J, m, dz = residual.shape
-    A, B = S.shape[:2]
-    W, log_norm = np.zeros((A, B, dz, dz)), np.full((A, B), -0.5 * dz * math.log(2 * math.pi))
+@njit(types.boolean(_A4, types.Array(types.float64, 4, "C"), _W2), cache=True)
+def whiteners(S: Array, W: Array, log_norm: Array) -> bool:
+    """Inverse Cholesky factors W (A, B, dz, dz), zero on entry, of S, and log N(0; 0, S) (A, B); False where S is singular."""
+    A, B, dz = S.shape[:3]
     L = np.empty((dz, dz))  # W is its inverse
     for a in range(A):
         for b in range(B):
             if not _factor(S[a, b], L):
                 return False
+            log_norm[a, b] = -0.5 * dz * math.log(2 * math.pi)
             for i in range(dz):
                 log_norm[a, b] -= math.log(L[i, i])
                 W[a, b, i, i] = 1.0 / L[i, i]
@@ -68,6 +67,17 @@ def log_densities(residual: Array, S: Array, out: Array) -> bool:
                     for k in range(i, r):
                         total -= L[r, k] * W[a, b, k, i]
                     W[a, b, r, i] = total / L[r, r]
+    return True
+
+
+@njit(types.boolean(_A3, _A4, _W2), cache=True)
+def log_densities(residual: Array, S: Array, out: Array) -> bool:
+    """log N(residual (J, m, dz); 0, S (J or 1, m or 1, dz, dz)) into out (J, m); False where a covariance is singular."""
+    J, m, dz = residual.shape
+    A, B = S.shape[:2]
+    W, log_norm = np.zeros(S.shape), np.empty((A, B))
+    if not whiteners(S, W, log_norm):
+        return False
     for j in range(J):
         a = min(j, A - 1)
         for z in range(m):

@@ -1,4 +1,4 @@
-"""The loops of `phd.reweigh`, `particles.places` and `particles.k_means`, over particles × rows, candidates or centres."""
+"""The loops of `phd.reweigh`, `particles` and `resampling`, over particles × rows, candidates or centres."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numba import njit, types
 
+from sonobench.filtering.mixture_kernels import whiteners
 from sonobench.types import Array, Ints
 
-_A1, _A2 = (types.Array(types.float64, n, "C", readonly=True) for n in (1, 2))
+_A1, _A2, _A3, _A4 = (types.Array(types.float64, n, "C", readonly=True) for n in (1, 2, 3, 4))
 _W1, _W2 = (types.Array(types.float64, n, "C") for n in (1, 2))
 _I1 = types.Array(types.int64, 1, "C")
 _LLOYD = 100
@@ -17,55 +18,129 @@ _LLOYD = 100
 #: e^−60 of a sum's largest term changes no bit of it, were there a billion of such terms
 _FAINT = -60.0
 
+#: sums above this lack nothing by terms below e^_FAINT, were there a hundred of them
+_PLAIN = 1e-8
 
-@njit(types.void(_W2, _A1), cache=True)
-def log_share(joint: Array, log_clutter: Array) -> None:
-    """Turn log joint weights (N, m) into log shares of each row's evidence, in place: joint − log(kappa + Σ exp(joint))."""
-    N, m = joint.shape
-    top, total = log_clutter.copy(), np.zeros(m)
-    for j in range(N):
-        for z in range(m):
-            top[z] = max(top[z], joint[j, z])
-    for j in range(N):
-        for z in range(m):
-            below = joint[j, z] - top[z]
-            if below > _FAINT:  # not where both are −inf
-                total[z] += math.exp(below)
+
+@njit(types.boolean(_A3, _A4, _W2), cache=True)
+def along(residual: Array, S: Array, out: Array) -> bool:
+    """log N(residual (m, dz, N); 0, S (1, m or 1, dz, dz)) into out (m, N), the particles last; False where a covariance is singular."""
+    m, dz, N = residual.shape
+    W, log_norm = np.zeros(S.shape), np.empty(S.shape[:2])
+    if not whiteners(S, W, log_norm):
+        return False
+    white = np.empty(N)
     for z in range(m):
-        if top[z] > -np.inf:
-            top[z] += math.log(total[z] + math.exp(log_clutter[z] - top[z]))
-        else:
-            top[z] = 0.0
-    for j in range(N):
-        for z in range(m):
-            joint[j, z] -= top[z]
+        b, row = min(z, S.shape[1] - 1), out[z]
+        row[:] = log_norm[0, b]
+        for i in range(dz):
+            white[:] = 0.0
+            for k in range(i + 1):
+                factor, component = W[0, b, i, k], residual[z, k]
+                for j in range(N):
+                    white[j] += factor * component[j]
+            for j in range(N):
+                row[j] -= 0.5 * white[j] * white[j]
+    return True
 
 
-@njit(types.void(_W1, _A2), cache=True)
-def add_logs(log: Array, more: Array) -> None:
-    """log (N,) becomes log(exp(log) + Σ exp(more)), more (N, m)."""
-    N, m = more.shape
+@njit(types.void(_W2, _A1, _A1, _W1), cache=True)
+def log_share(log: Array, log_w: Array, log_clutter: Array, detected: Array) -> None:
+    """Turn log likelihoods (m, N) into log shares of each row's evidence, in place: log_w + log − log(kappa + Σ exp(log_w + log)).
+
+    Args:
+        log: (m, N), the particles last.
+        log_w: (N,) log weights times p_D.
+        log_clutter: (m,) log kappa.
+        detected: (N,) to which those shares are added that are not faint.
+    """
+    m, N = log.shape
+    part = np.empty(N)
+    for z in range(m):
+        row, top = log[z], log_clutter[z]
+        for j in range(N):
+            row[j] += log_w[j]
+            top = max(top, row[j])
+        if top == -np.inf:
+            continue
+        total = math.exp(log_clutter[z] - top)
+        for j in range(N):
+            part[j] = 0.0
+            if row[j] - top > _FAINT:
+                part[j] = math.exp(row[j] - top)
+                total += part[j]
+        log_evidence, scale = top + math.log(total), 1.0 / total
+        for j in range(N):
+            row[j] -= log_evidence
+            detected[j] += scale * part[j]
+
+
+@njit(types.void(_W1, _A2, _A1), cache=True)
+def add_logs(log: Array, more: Array, plain: Array) -> None:
+    """log (N,) becomes log(exp(log) + Σ exp(more)), more (m, N), of whose exponentials `plain` (N,) sums those that are not faint."""
+    m, N = more.shape
     for j in range(N):
+        total = math.exp(log[j]) + plain[j]
+        if _PLAIN < total < np.inf:
+            log[j] = math.log(total)
+            continue
         top = log[j]
         for z in range(m):
-            top = max(top, more[j, z])
+            top = max(top, more[z, j])
         if top == -np.inf:
             continue
         total = math.exp(log[j] - top)
         for z in range(m):
-            if more[j, z] - top > _FAINT:
-                total += math.exp(more[j, z] - top)
+            if more[z, j] - top > _FAINT:
+                total += math.exp(more[z, j] - top)
         log[j] = top + math.log(total)
 
 
-@njit(types.void(_A2, _W1), cache=True)
-def row_totals(log: Array, out: Array) -> None:
-    """Add Σ exp(log) over the particles (N, m) to each row's number (m,)."""
-    N, m = log.shape
+@njit(types.void(_A2, _W2, _W1), cache=True)
+def exponentials(log: Array, out: Array, total: Array) -> None:
+    """exp(log) (m, N) into out, 0 where it is faint, and each row's sum into total (m,)."""
+    for z in range(len(log)):
+        total[z] = 0.0
+        for j in range(log.shape[1]):
+            out[z, j] = 0.0
+            if log[z, j] > _FAINT:
+                out[z, j] = math.exp(log[z, j])
+                total[z] += out[z, j]
+
+
+@njit(types.void(_A2, _A1, _W1, _W2), cache=True)
+def moments(x: Array, w: Array, mean: Array, cov: Array) -> None:
+    """Mean (d,) and covariance (d, d) of particles (N, d) of weights (N,) that do not sum to zero."""
+    N, d = x.shape
+    total, off = 0.0, np.empty(d)
+    mean[:], cov[:] = 0.0, 0.0
     for j in range(N):
-        for z in range(m):
-            if log[j, z] > _FAINT:
-                out[z] += math.exp(log[j, z])
+        if w[j] > 0.0:
+            total += w[j]
+            for i in range(d):
+                mean[i] += w[j] * x[j, i]
+    for i in range(d):
+        mean[i] /= total
+    for j in range(N):
+        if w[j] > 0.0:
+            share = w[j] / total
+            for i in range(d):
+                off[i] = x[j, i] - mean[i]
+                for k in range(i + 1):
+                    cov[i, k] += share * off[i] * off[k]
+    for i in range(d):
+        for k in range(i):
+            cov[k, i] = cov[i, k]
+
+
+@njit(types.void(_A1, _A1, _I1), cache=True)
+def at_edges(edges: Array, at: Array, out: Ints) -> None:
+    """Which edge (N,) is the first above each of the rising numbers `at` (n,); the last one where none is."""
+    j, last = 0, len(edges) - 1
+    for k in range(len(at)):
+        while j < last and edges[j] <= at[k]:
+            j += 1
+        out[k] = j
 
 
 @njit(types.void(_A2, _A1, _A2, types.float64, _W1), cache=True)

@@ -47,10 +47,9 @@ def join(*clouds: Cloud) -> Cloud:
 
 def gathered(x: Array, w: Array) -> tuple[Array, Array]:
     """Mean (d,) and covariance (d, d) of particles (n, d) of weights (n,) that do not sum to zero."""
-    share = w / w.sum()
-    m = share @ x
-    off = x - m
-    return m, (off * share[:, None]).T @ off
+    m, P = np.empty(x.shape[1]), np.empty((x.shape[1], x.shape[1]))
+    particle_kernels().moments(np.ascontiguousarray(x, float), np.ascontiguousarray(w, float), m, P)
+    return m, P
 
 
 def balls(cloud: Cloud, columns: list[int], radius: float, weight: float, copies: bool) -> Mixture:
@@ -114,10 +113,10 @@ def k_means(rng: np.random.Generator, x: Array, w: Array, n: int) -> Ints:
 
 def shared(cloud: Cloud, log_shares: Array, weight: float) -> Mixture:
     """Targets as the rows of a scan whose shares (N, m) of the particles' weights sum to more than `weight`."""
-    total = np.zeros(log_shares.shape[1])
-    particle_kernels().row_totals(np.ascontiguousarray(log_shares, float), total)
+    part, total = np.empty(log_shares.shape[::-1]), np.empty(log_shares.shape[1])
+    particle_kernels().exponentials(np.ascontiguousarray(log_shares.T, float), part, total)
     order = [z for z in np.argsort(-total, kind="stable") if total[z] > weight]
-    return _listed([(total[z], *gathered(cloud.x, np.exp(log_shares[:, z]))) for z in order], cloud.x.shape[1])
+    return _listed([(total[z], *gathered(cloud.x, part[z])) for z in order], cloud.x.shape[1])
 
 
 def labelled(cloud: Cloud, weight: float) -> tuple[Mixture, Ints]:

@@ -97,24 +97,34 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     """
     rows = rows_of(scan, q, z_hat.shape[-1])
     p_d = measurement.p_d(x, q, scan)[..., 0]
-    shares = np.full((len(x), len(rows.z)), -np.inf)
+    shares, detected = np.full((len(rows.z), len(x)), -np.inf), np.zeros(len(x))
     with np.errstate(divide="ignore"):
         log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
+    by_component = np.ascontiguousarray(z_hat.T).T  # so that loops run along the particles
     for which, valid in patterns(rows):
         noise = noise_of(measurement, scan, q, rows, which, z_hat)
-        residual = measurement.residual(rows.z[which], z_hat[:, None, :], q)  # (N, m, dz)
+        residual = measurement.residual(rows.z[which], by_component[:, None, :], q)  # (N, m, dz)
         if not valid.all():
             noise, residual = noise[..., valid, :][..., valid], residual[..., valid]
         log_kappa = log_intensity(measurement, rows.z[which], q, valid)
-        share = log_densities(residual, noise.reshape((1,) * (4 - noise.ndim) + noise.shape))
-        share += log_joint[:, None]
-        particle_kernels().log_share(share, np.ascontiguousarray(log_kappa, float))
+        share = _likelihoods(residual, noise.reshape((1,) * (4 - noise.ndim) + noise.shape))
+        particle_kernels().log_share(share, log_joint, np.ascontiguousarray(log_kappa, float), detected)
         if len(which) == len(rows.z):
             shares = share
         else:
-            shares[:, which] = share
-    particle_kernels().add_logs(log_after, shares)
-    return log_after, shares
+            shares[which] = share
+    particle_kernels().add_logs(log_after, shares, detected)
+    return log_after, shares.T
+
+
+def _likelihoods(residual: Floats, S: Floats) -> Array:
+    """`log_densities` of residuals (N, m, dz), the particles last: (m, N)."""
+    if len(S) > 1:  # a noise of each particle
+        return np.ascontiguousarray(log_densities(residual, S).T)
+    log = np.empty(residual.shape[1::-1])
+    if not particle_kernels().along(np.ascontiguousarray(residual.transpose(1, 2, 0), float), np.ascontiguousarray(S, float), log):
+        raise ValueError(SINGULAR)
+    return log
 
 
 def log_densities(residual: Floats, S: Floats) -> Array:

@@ -16,11 +16,13 @@ def test_log_shares_and_their_sums_are_numpys(spread):
     joint[3], missed[3] = -np.inf, -np.inf  # a particle without weight
     evidence = np.logaddexp(np.logaddexp.reduce(joint, axis=0), log_clutter)
     want = joint - np.where(np.isneginf(evidence), 0.0, evidence)
-    got, after = joint.copy(), missed.copy()
-    kernels.log_share(got, log_clutter)
-    np.testing.assert_allclose(got, want, rtol=1e-13, atol=1e-13)
-    kernels.add_logs(after, got)
-    np.testing.assert_allclose(after, np.logaddexp.reduce(np.column_stack([missed, want]), axis=1), rtol=1e-13, atol=1e-13)
+    log_w, detected, after = rng.standard_normal(40), np.zeros(40), missed.copy()
+    got = np.ascontiguousarray((joint - log_w[:, None]).T)
+    kernels.log_share(got, log_w, log_clutter, detected)
+    np.testing.assert_allclose(got.T, want, rtol=1e-13, atol=1e-12)
+    np.testing.assert_allclose(detected, np.exp(want).sum(axis=1), rtol=1e-11, atol=1e-24)
+    kernels.add_logs(after, got, detected)
+    np.testing.assert_allclose(after, np.logaddexp.reduce(np.column_stack([missed, want]), axis=1), rtol=1e-13, atol=1e-12)
 
 
 def test_masses_within_a_radius_are_numpys():
@@ -37,12 +39,38 @@ def test_particles_share_the_noise(noises):
     rng = np.random.default_rng(2)
     A = rng.standard_normal((1, noises, 3, 3))
     S, residual = A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(3), rng.standard_normal((9, 5, 3))
+    got = np.empty((5, 9))
+    assert kernels.along(np.ascontiguousarray(residual.transpose(1, 2, 0)), S, got)
     np.testing.assert_allclose(log_densities(residual, S), log_gaussian(residual, S), rtol=1e-11)
+    np.testing.assert_allclose(got.T, log_gaussian(residual, S), rtol=1e-11)
+    assert not kernels.along(np.ascontiguousarray(residual.transpose(1, 2, 0)), np.zeros_like(S), got)
 
 
-def test_totals_of_rows_are_numpys():
-    log = 40 * np.random.default_rng(3).standard_normal((200, 4)) - 60
-    log[:, 1] = -np.inf
-    got = np.zeros(4)
-    kernels.row_totals(log, got)
-    np.testing.assert_allclose(got, np.exp(log).sum(axis=0), rtol=1e-12)
+def test_exponentials_and_totals_of_rows_are_numpys():
+    log = 40 * np.random.default_rng(3).standard_normal((4, 200)) - 60
+    log[1] = -np.inf
+    got, total = np.full((4, 200), np.nan), np.full(4, np.nan)
+    kernels.exponentials(log, got, total)
+    np.testing.assert_allclose(got, np.exp(log), rtol=1e-14, atol=1e-26)
+    np.testing.assert_allclose(total, np.exp(log).sum(axis=1), rtol=1e-12)
+
+
+def test_moments_are_numpys_and_take_nothing_from_particles_without_weight():
+    rng = np.random.default_rng(4)
+    x, w = rng.standard_normal((50, 3)) + 5, rng.random(50) * (rng.random(50) < 0.7)
+    mean, cov = np.empty(3), np.empty((3, 3))
+    kernels.moments(x, w, mean, cov)
+    np.testing.assert_allclose(mean, np.average(x, axis=0, weights=w), rtol=1e-13)
+    np.testing.assert_allclose(cov, np.cov(x.T, aweights=w, ddof=0), rtol=1e-12)
+
+
+def test_edges_are_walked_as_searched():
+    rng = np.random.default_rng(5)
+    edges = np.cumsum(rng.random(60) * (rng.random(60) < 0.6))
+    edges /= edges[-1]
+    edges[-1] = 1.0
+    at, got = np.sort(np.append(rng.random(80), edges[[3, 20]])), np.empty(82, np.int64)
+    kernels.at_edges(edges, at, got)
+    np.testing.assert_array_equal(got, np.searchsorted(edges, at, side="right"))
+    kernels.at_edges(edges, np.ones(82), got)  # rounded up: there is no edge above
+    assert (got == 59).all()
