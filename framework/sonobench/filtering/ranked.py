@@ -47,7 +47,7 @@ def ranked(log_start: Array, tables: Sequence[Array], private: int) -> Iterator[
         private: number of leading columns that rows do not compete for.
     """
     ties, costs = count(), [_spread(table, private) for table in tables]
-    least = [cost.min(axis=1) for cost in costs]
+    least = [cost.min(axis=1, initial=_NEVER) for cost in costs]
     queue = [_Node(-float(log_start[h]) + x.sum(), next(ties), h, 0, (), np.zeros(len(x), np.int64), False) for h, x in enumerate(least)]
     heapq.heapify(queue)
     while queue:
