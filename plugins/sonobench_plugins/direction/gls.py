@@ -33,7 +33,7 @@ class Gls:
     most: int = 6  #: at most this many sources
     noise: Noise = "diagonal"  #: covariance of the noise: "equal", "diagonal", or "any", with which only cumulants are fitted
     mean: Mean = "unknown"  #: "zero" where samples are known to have none
-    starts: int = 8  #: drawn starts beside those from the subspace and the pursuit
+    starts: int = 12  #: drawn starts beside those from the subspace and the pursuit
     seed: int = 0  #: of the drawn starts
 
     def __post_init__(self) -> None:

@@ -26,13 +26,13 @@ def _told(method, samples):
     return found.u[0][found.valid[0]]
 
 
-def _off(m: int, noise: str, runs: int = _RUNS, names=tuple(_METHODS)) -> dict[str, np.ndarray]:
+def _off(m: int, noise: str, apart_deg: float = 35.0, names=tuple(_METHODS)) -> dict[str, np.ndarray]:
     """Errors (runs, m) in degrees by method, the number of sources known; the same sound for all."""
     rng = np.random.default_rng([m, sorted(["equal", "unequal", "non-uniform", "correlated"]).index(noise)])
     methods = {n: dataclasses.replace(_METHODS[n], order="given", sources=min(m, _METHODS[n].most)) for n in names}
     off: dict[str, list[np.ndarray]] = {n: [] for n in names}
-    for _ in range(runs):
-        u = spread(rng, m, 35)
+    for _ in range(_RUNS):
+        u = spread(rng, m, apart_deg)
         samples = heard(rng, u, noise=noise)
         for name, method in methods.items():
             off[name].append(errors(u, _told(method, samples)))
@@ -55,6 +55,14 @@ def test_in_equal_noise_two_are_within_a_degree_and_five_are_found(m):
         assert (off["cumulant-peaks"].max(axis=1) < 10).mean() >= 0.55
         assert (off["gls"].max(axis=1) < 10).mean() >= 0.55
         assert np.median(off["gls"]) < np.median(off["cumulant-peaks"])
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("apart_deg", [20.0, 10.0])
+def test_of_five_closer_sources_a_fit_finds_more_than_a_subspace(apart_deg):
+    off = _off(5, "equal", apart_deg, ("cumulant-peaks", "cumulant-gls", "gls"))
+    _print(5, f"at least {apart_deg:g} degrees apart", off)
+    assert np.median(off["gls"]) < np.median(off["cumulant-peaks"])
 
 
 @pytest.mark.study
