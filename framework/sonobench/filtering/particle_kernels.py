@@ -44,20 +44,20 @@ def along(residual: Array, S: Array, out: Array) -> bool:
     return True
 
 
-@njit(types.void(_W2, _A1, _A1, _W1), cache=True)
-def log_share(log: Array, log_w: Array, log_clutter: Array, detected: Array) -> None:
+@njit(types.void(_W2, _A1, _A1, _W2), cache=True)
+def log_share(log: Array, log_w: Array, log_clutter: Array, share: Array) -> None:
     """Turn log likelihoods (m, N) into log shares of each row's evidence, in place: log_w + log − log(kappa + Σ exp(log_w + log)).
 
     Args:
         log: (m, N), the particles last.
         log_w: (N,) log weights times p_D.
         log_clutter: (m,) log kappa.
-        detected: (N,) to which those shares are added that are not faint.
+        share: (m, N) receives their exponentials, 0 where these are faint beside the row's largest.
     """
     m, N = log.shape
-    part = np.empty(N)
     for z in range(m):
-        row, top = log[z], log_clutter[z]
+        row, part, top = log[z], share[z], log_clutter[z]
+        part[:] = 0.0
         for j in range(N):
             row[j] += log_w[j]
             top = max(top, row[j])
@@ -65,19 +65,18 @@ def log_share(log: Array, log_w: Array, log_clutter: Array, detected: Array) -> 
             continue
         total = math.exp(log_clutter[z] - top)
         for j in range(N):
-            part[j] = 0.0
             if row[j] - top > _FAINT:
                 part[j] = math.exp(row[j] - top)
                 total += part[j]
         log_evidence, scale = top + math.log(total), 1.0 / total
         for j in range(N):
             row[j] -= log_evidence
-            detected[j] += scale * part[j]
+            part[j] *= scale
 
 
 @njit(types.void(_W1, _A2, _A1), cache=True)
 def add_logs(log: Array, more: Array, plain: Array) -> None:
-    """log (N,) becomes log(exp(log) + Σ exp(more)), more (m, N), of whose exponentials `plain` (N,) sums those that are not faint."""
+    """log (N,) becomes log(exp(log) + Σ exp(more)), more (m, N), of which `plain` (N,) sums the exponentials that are not faint."""
     m, N = more.shape
     for j in range(N):
         total = math.exp(log[j]) + plain[j]
@@ -94,18 +93,6 @@ def add_logs(log: Array, more: Array, plain: Array) -> None:
             if more[z, j] - top > _FAINT:
                 total += math.exp(more[z, j] - top)
         log[j] = top + math.log(total)
-
-
-@njit(types.void(_A2, _W2, _W1), cache=True)
-def exponentials(log: Array, out: Array, total: Array) -> None:
-    """exp(log) (m, N) into out, 0 where it is faint, and each row's sum into total (m,)."""
-    for z in range(len(log)):
-        total[z] = 0.0
-        for j in range(log.shape[1]):
-            out[z, j] = 0.0
-            if log[z, j] > _FAINT:
-                out[z, j] = math.exp(log[z, j])
-                total[z] += out[z, j]
 
 
 @njit(types.void(_A2, _A1, _W1, _W2), cache=True)

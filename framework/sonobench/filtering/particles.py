@@ -111,12 +111,11 @@ def k_means(rng: np.random.Generator, x: Array, w: Array, n: int) -> Ints:
     return of
 
 
-def shared(cloud: Cloud, log_shares: Array, weight: float) -> Mixture:
+def shared(cloud: Cloud, shares: Array, weight: float) -> Mixture:
     """Targets as the rows of a scan whose shares (N, m) of the particles' weights sum to more than `weight`."""
-    part, total = np.empty(log_shares.shape[::-1]), np.empty(log_shares.shape[1])
-    particle_kernels().exponentials(np.ascontiguousarray(log_shares.T, float), part, total)
+    total = shares.sum(axis=0)
     order = [z for z in np.argsort(-total, kind="stable") if total[z] > weight]
-    return _listed([(total[z], *gathered(cloud.x, part[z])) for z in order], cloud.x.shape[1])
+    return _listed([(total[z], *gathered(cloud.x, shares[:, z])) for z in order], cloud.x.shape[1])
 
 
 def labelled(cloud: Cloud, weight: float) -> tuple[Mixture, Ints]:

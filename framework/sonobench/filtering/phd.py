@@ -93,11 +93,11 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     """One sensor's PHD update of particles x (N, d) with images z_hat (N, dz) (Vo, Singh & Doucet 2005, eq. 20).
 
     Returns:
-        New log weights (N,) and the log share of each row in each particle's weight (N, m).
+        New log weights (N,) and the share of each row in each particle's weight (N, m), 0 below e^−60 of the row's largest.
     """
     rows = rows_of(scan, q, z_hat.shape[-1])
     p_d = measurement.p_d(x, q, scan)[..., 0]
-    shares, detected = np.full((len(rows.z), len(x)), -np.inf), np.zeros(len(x))
+    logs, shares = np.full((len(rows.z), len(x)), -np.inf), np.zeros((len(rows.z), len(x)))
     with np.errstate(divide="ignore"):
         log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
     by_component = np.ascontiguousarray(z_hat.T).T  # so that loops run along the particles
@@ -107,13 +107,14 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
         if not valid.all():
             noise, residual = noise[..., valid, :][..., valid], residual[..., valid]
         log_kappa = log_intensity(measurement, rows.z[which], q, valid)
-        share = _likelihoods(residual, noise.reshape((1,) * (4 - noise.ndim) + noise.shape))
-        particle_kernels().log_share(share, log_joint, np.ascontiguousarray(log_kappa, float), detected)
+        log = _likelihoods(residual, noise.reshape((1,) * (4 - noise.ndim) + noise.shape))
+        share = np.empty(log.shape)
+        particle_kernels().log_share(log, log_joint, np.ascontiguousarray(log_kappa, float), share)
         if len(which) == len(rows.z):
-            shares = share
+            logs, shares = log, share
         else:
-            shares[which] = share
-    particle_kernels().add_logs(log_after, shares, detected)
+            logs[which], shares[which] = log, share
+    particle_kernels().add_logs(log_after, logs, shares.sum(axis=0))
     return log_after, shares.T
 
 

@@ -164,7 +164,7 @@ class ParticlePhd:
     def _update(
         self, cloud: Cloud, state: ParticleState, scan: Scan, sensors: tuple[int, ...]
     ) -> tuple[Array, Array | None, Mapping[str, float]]:
-        """New log weights; the log share of each row in them where a row is one target's only detection; else the cut and rows left out."""
+        """New log weights; the share of each row in them where a row is one target's only detection; else the cut and rows left out."""
         model, q = state.measurement, sensors[0]
         if model.n_modes == 1 and len(sensors) == 1:
             z_hat = model.h(cloud.x, q, pose_of(state.setup, scan, q))[..., 0, :]
@@ -191,7 +191,7 @@ class ParticlePhd:
         n = min(max(round(self.particles * mass), self.particles), self.most_particles)
         chosen = RESAMPLERS[self.resampling](rng, np.exp(cloud.log_w), n)
         label = None if cloud.label is None else cloud.label[chosen]
-        return Cloud(np.full(n, np.log(mass / n)), cloud.x[chosen], cloud.mode[chosen], label)
+        return Cloud(np.full(n, np.log(mass / n)), np.take(cloud.x, chosen, axis=0), cloud.mode[chosen], label)
 
 
 def _summary(cloud: Cloud) -> Mixture:

@@ -16,12 +16,12 @@ def test_log_shares_and_their_sums_are_numpys(spread):
     joint[3], missed[3] = -np.inf, -np.inf  # a particle without weight
     evidence = np.logaddexp(np.logaddexp.reduce(joint, axis=0), log_clutter)
     want = joint - np.where(np.isneginf(evidence), 0.0, evidence)
-    log_w, detected, after = rng.standard_normal(40), np.zeros(40), missed.copy()
+    log_w, share, after = rng.standard_normal(40), np.full((6, 40), np.nan), missed.copy()
     got = np.ascontiguousarray((joint - log_w[:, None]).T)
-    kernels.log_share(got, log_w, log_clutter, detected)
+    kernels.log_share(got, log_w, log_clutter, share)
     np.testing.assert_allclose(got.T, want, rtol=1e-13, atol=1e-12)
-    np.testing.assert_allclose(detected, np.exp(want).sum(axis=1), rtol=1e-11, atol=1e-24)
-    kernels.add_logs(after, got, detected)
+    np.testing.assert_allclose(share.T, np.exp(want), rtol=1e-11, atol=1e-24)
+    kernels.add_logs(after, got, share.sum(axis=0))
     np.testing.assert_allclose(after, np.logaddexp.reduce(np.column_stack([missed, want]), axis=1), rtol=1e-13, atol=1e-12)
 
 
@@ -44,15 +44,6 @@ def test_particles_share_the_noise(noises):
     np.testing.assert_allclose(log_densities(residual, S), log_gaussian(residual, S), rtol=1e-11)
     np.testing.assert_allclose(got.T, log_gaussian(residual, S), rtol=1e-11)
     assert not kernels.along(np.ascontiguousarray(residual.transpose(1, 2, 0)), np.zeros_like(S), got)
-
-
-def test_exponentials_and_totals_of_rows_are_numpys():
-    log = 40 * np.random.default_rng(3).standard_normal((4, 200)) - 60
-    log[1] = -np.inf
-    got, total = np.full((4, 200), np.nan), np.full(4, np.nan)
-    kernels.exponentials(log, got, total)
-    np.testing.assert_allclose(got, np.exp(log), rtol=1e-14, atol=1e-26)
-    np.testing.assert_allclose(total, np.exp(log).sum(axis=1), rtol=1e-12)
 
 
 def test_moments_are_numpys_and_take_nothing_from_particles_without_weight():

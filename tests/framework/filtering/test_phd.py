@@ -121,7 +121,7 @@ def test_particles_are_reweighed_by_the_same_formula():
     log_w, shares = reweigh(np.log(w), x, bound.h(x, 0)[:, 0], scan(0.0, z), bound, 0)
     g = np.array([multivariate_normal(row, bound.R(0)).pdf(x @ bound.H().T) for row in z]).T
     want = 0.9 * w[:, None] * g / (2.0 / 100 + (0.9 * w[:, None] * g).sum(axis=0))
-    np.testing.assert_allclose(np.exp(shares), want, rtol=1e-10)
+    np.testing.assert_allclose(shares, want, rtol=1e-10)
     np.testing.assert_allclose(np.exp(log_w), 0.1 * w + want.sum(axis=1), rtol=1e-10)
 
 
