@@ -110,6 +110,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "delta-glmb": f"{_HERE}.tracker.delta_glmb:DeltaGlmb",
             "cbmember": f"{_HERE}.tracker.cbmember:CbMember",
             "gm-cbmember": f"{_HERE}.tracker.gm_cbmember:GaussianCbMember",
+            "particle-filter": f"{_HERE}.tracker.particle_filter:ParticleFilter",
             "tbd": f"{_HERE}.tracker.tbd:TrackBeforeDetect",
             "field-lmb": f"{_HERE}.tracker.field_lmb:FieldLmb",
             "gaussian-filter": f"{_HERE}.tracker.gaussian_filter:GaussianFilter",

@@ -161,13 +161,17 @@ class BoundMultiFeature:
         at, mean = np.zeros(len(x)), 0.0
         for share, name in zip(shares, ("sbf", "srp"), strict=True):
             if share > 0:
+                if self._table(scan, name) is None:
+                    return np.zeros(len(x))
                 one, chance = self._power(x, scan, name)
                 at, mean = at + share * one, mean + share * chance
         return np.asarray(self.own.sharpness * np.log(np.maximum(at / max(mean, _TINY), self.own.least_power)))
 
     def _power(self, x: Floats, scan: Scan, name: str) -> tuple[Array, float]:
         """Steered power (n,), 1 of a coherent source where all microphones agree, and its mean over the tables."""
-        table = self._table(scan, "energy" if name == "sbf" else "gcc")
+        table = self._table(scan, name)
+        if table is None:
+            return np.ones(len(x)), 1.0
         plan = self.steering if scan.pose is None else steering(self.setup, self.steering.sensors.tolist(), scan)
         sums = plan.sums(table, lift(np.asarray(x)[:, list(self.columns)], self.height_m))
         heard, m = max(int(scan.searched[plan.sensors].sum()), 1), len(plan.elements)
@@ -176,15 +180,23 @@ class BoundMultiFeature:
             return np.maximum(sums, 0.0) / heard, level / heard
         return np.maximum(m + 2 * sums, 0.0) / (m + 2 * heard), (m + 2 * level) / (m + 2 * heard)
 
-    def _table(self, scan: Scan, name: str) -> DelayTable:
+    def _table(self, scan: Scan, power: str) -> DelayTable | None:
+        """The tables of a power; None of a scan that says nothing at all.
+
+        Raises:
+            InputError: the front end offers rows, and not these tables.
+        """
+        name = "energy" if power == "sbf" else "gcc"
         table = scan.fields.get(name)
-        if not isinstance(table, DelayTable):
-            hint = ', such as gcc-peaks with energy = "cc"' if name == "energy" else ", such as gcc-peaks"
-            raise InputError(
-                f"likelihood multi-feature with power = {self.own.power!r} reads the delay tables {name!r}; the scan at {scan.time_s} s has "
-                f"{sorted(scan.fields) or 'none'}: use a front end that offers them{hint}"
-            )
-        return table
+        if isinstance(table, DelayTable):
+            return table
+        if not scan.fields and not any(np.isin(group.sensor, self.sensors).any() for group in scan.detections):
+            return None
+        hint = ' with energy = "cc"' if name == "energy" else ""
+        raise InputError(
+            f"likelihood multi-feature with power = {self.own.power!r} reads the delay tables {name!r}; the scan at {scan.time_s} s has "
+            f"{sorted(scan.fields) or 'none'}: use a front end that offers them, such as gcc-peaks{hint}"
+        )
 
     def _mu(self, x: Floats, w: Floats, scan: Scan, rows: dict[int, Array]) -> float:
         """Share of SBF by eq. 14."""
