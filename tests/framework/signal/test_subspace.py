@@ -87,6 +87,18 @@ def test_what_error_explains_is_no_source(m):
     assert np.mean(np.array(told) == m) >= 0.8
 
 
+@pytest.mark.parametrize(("cumulants", "m"), [(True, 1), (True, 3), (False, 2)])
+def test_sources_miss_the_subspace_by_as_much_as_is_expected(cumulants, m):
+    rng = np.random.default_rng(m)
+    ratio = []
+    for _ in range(25):
+        u = spread(rng, m, 40)
+        one = subspace(moments(heard(rng, u, 4000)[None], error=True), 0, cumulants, _given(m))
+        b = steering(u, len(one.noise))
+        ratio += list(((b @ one.noise) * b).sum(axis=1) / ((b @ one.spread) * b).sum(axis=1) / ((9 if cumulants else 4) - m))
+    assert 0.7 < np.mean(ratio) < 1.4
+
+
 def test_order_rules_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="'gap' or 'given'"):
         Order("many", 1, 0.1, 0.003, 6)  # type: ignore[arg-type]
