@@ -41,6 +41,11 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("trajectory", "waypoints"): {"points_m": [[1.0, 1.0, 1.2], [3.0, 1.0, 1.2], [3.0, 2.0, 1.2]], "speed_m_s": 0.5},
 }
 _SPATIAL = {"use": "constant-velocity", "dims": 3}
+_TURNING = {
+    "use": "imm",
+    "models": ["bearing-acceleration", {"use": "bearing-velocity", "accelerations": True}, {"use": "bearing-turn", "accelerations": True}],
+    "rates_hz": [[0.0, 0.1, 0.0], [0.1, 0.0, 0.1], [0.1, 0.2, 0.0]],
+}
 #: further configurations of the same components
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("front_end", {"use": "gcc-peaks", "window": "hamming", "memory_s": 0.2, "pairs": "all"}),
@@ -48,7 +53,6 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("front_end", {"use": "srp-peaks", "preprocess": [{"use": "noise-reduction", "rule": "subtraction"}, "normalise"]}),
     ("front_end", {"use": "gcc-max", "preprocess": [{"use": "pre-filter", "low_hz": 200.0, "high_hz": 6000.0}, "noise-reduction"]}),
     ("front_end", {"use": "avs", "direction": "wpf-mp", "preprocess": ["pre-filter"], "activity": "energy"}),
-    ("front_end", {"use": "avs", "spectrum": "covariance", "frame_s": 0.5, "hop_s": 0.5}),
     ("direction", {"use": "wpf-mp", "noise": "diagonal", "literal": ["unnormalised"]}),
     ("direction", {"use": "maximum-power-exact", "noise": "diagonal"}),
     ("direction", {"use": "maximum-power-exact", "noise": "eigen", "confidence": "residuals"}),
@@ -62,6 +66,8 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("motion", {"use": "langevin", "dims": 3}),
     ("motion", {"use": "langevin", "noise": "diagonal"}),
     ("motion", _SPATIAL),
+    ("motion", _TURNING),
+    ("motion", {"use": "bearing-turn", "accelerations": True}),
     ("motion", {"use": "constant-velocity", "held_acceleration_m_s2": 2.0}),
     ("measurement", {"use": "tdoa", "sensor": "stack"}),
     ("tracker", {"use": "gm-phd", "measurement": {"use": "tdoa", "sensor": "stack"}, "update": "stacked"}),
@@ -77,6 +83,10 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("tracker", {"use": "smc-phd", "update": "joint", "birth": {"use": "room"}, "measurement": {"use": "tdoa", "sensor": "pair"}}),
     ("tracker", {"use": "smc-phd", "birth": {"use": "room"}, "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}),
     ("tracker", {"use": "tbd", "motion": _SPATIAL}),
+    ("tracker", {"use": "ek-phd", "motion": "imm"}),
+    ("tracker", {"use": "smc-phd", "motion": "imm", "birth": {"use": "room"}}),
+    ("tracker", {"use": "field-lmb", "form": "enumerated", "report": "cardinality"}),
+    ("tracker", {"use": "field-lmb", "motion": _TURNING, "likelihood": "fitted-detection", "birth": "from-spectrum"}),
     (
         "tracker",
         {"use": "tbd", "likelihood": {"use": "tdoa-field", "measurement": {"use": "tdoa-images", "reach_s": 0.02, "sensor": "pair"}}},

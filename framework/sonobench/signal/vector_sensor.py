@@ -54,6 +54,12 @@ def coherent_share(C: Floats) -> Array:
     return np.divide(flow, energy, out=np.zeros_like(flow), where=energy > 0)
 
 
+def mean_power(C: Floats) -> Array:
+    """Mean variance of the four channels (…,), 1 in silence: what to scale by."""
+    level = np.trace(C, axis1=-2, axis2=-1) / 4.0
+    return np.asarray(np.where(level > 0, level, 1.0))
+
+
 def noise_variances(C: Floats, rule: Noise = "moment", sources: int = 1) -> Array:
     """Variances of the noise of p, vx, vy, vz (…, 4), at least `FLOOR` of the mean power of a channel, and above 0 in silence.
 
@@ -121,23 +127,26 @@ def ascended(A: Floats, b: Floats, step: float, tolerance: float, most: int, ren
     Args:
         A, b: (…, 3, 3) and (…, 3).
         step: of the gradient.
-        tolerance: a vector that moves by less stops.
+        tolerance: a vector that moves by less stops; without renormalisation none does.
         most: iterations.
         renormalised: whether u has length 1 in every iteration. Without, it grows without end, forgets b, and its direction drifts to the
             highest eigenvector of A.
     """
     A, b = np.asarray(A, float), np.asarray(b, float)
     u = _unit(b)
-    going = np.ones((*u.shape[:-1], 1), bool)
+    length = np.ones((*u.shape[:-1], 1))
+    going = np.ones(length.shape, bool)
     for _ in range(most):
-        there = u + step * (np.einsum("...ij,...j->...i", A, u) + b)
-        there = _unit(there) if renormalised else there
+        there = u + step * (np.einsum("...ij,...j->...i", A, u) + b / length)
+        if not renormalised:
+            length = length * np.linalg.norm(there, axis=-1, keepdims=True)  # u stands for length · u, which would overflow
+        there = _unit(there)
         moved = np.linalg.norm(there - u, axis=-1, keepdims=True)
         u = np.where(going, there, u)
-        going = going & (moved >= tolerance)
+        going = going & ((moved >= tolerance) | (not renormalised))
         if not going.any():
             break
-    return _unit(u)
+    return u
 
 
 def _unit(v: Floats) -> Array:
@@ -250,7 +259,7 @@ def fitted(C: Floats, steps: int = 4) -> Fit:
     A step that does not raise the likelihood is not taken, so the worst answer is that of the moments: the intensity's direction.
     """
     C = np.asarray(C, float)
-    level = np.maximum(np.trace(C, axis1=-2, axis2=-1) / 4.0, np.finfo(float).tiny)
+    level = mean_power(C)
     C = C / level[..., None, None] + FLOOR * np.eye(4)
     u = _unit(C[..., 1:, 0])
     source = np.maximum(np.linalg.norm(C[..., 1:, 0], axis=-1, keepdims=True), FLOOR)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonobench.protocols import Directions
-from sonobench.signal.vector_sensor import Confidence, Solution, found, maximiser, sensitivity
+from sonobench.signal.vector_sensor import Confidence, Solution, found, maximiser, mean_power, sensitivity
 from sonobench.types import Array, Floats
 
 
@@ -35,7 +35,7 @@ class Capon:
 
     def solve(self, C: Array) -> Solution:
         """Directions of covariances (…, 4, 4)."""
-        level = np.maximum(np.trace(C, axis1=-2, axis2=-1) / 4.0, np.finfo(float).tiny)[..., None, None]
+        level = mean_power(C)[..., None, None]
         P = np.linalg.inv(C / level + self.loading * np.eye(4))
         A, b = -P[..., 1:, 1:], -P[..., 1:, 0]
         u = maximiser(A, b)

@@ -18,7 +18,17 @@ import numpy as np
 from sonobench.filtering.sphere import in_angles
 from sonobench.geometry import angles
 from sonobench.protocols import Directions
-from sonobench.signal.vector_sensor import audible, axes, coherent_share, covariances, maximiser, noise_variances, spread, symmetric
+from sonobench.signal.vector_sensor import (
+    audible,
+    axes,
+    coherent_share,
+    covariances,
+    maximiser,
+    mean_power,
+    noise_variances,
+    spread,
+    symmetric,
+)
 from sonobench.types import Array, Bools, Floats
 
 
@@ -58,7 +68,7 @@ class Music:
     def _subspace(self, C: Array) -> tuple[Array, Array]:
         """Orthonormal S (f, 4, m) of the sources, and what stands for their part of C⁻¹: G (f, 4, 4), the pseudo-inverse of C − Q on S."""
         m = self.sources
-        level = np.maximum(np.trace(C, axis1=-2, axis2=-1) / 4.0, np.finfo(float).tiny)[:, None]
+        level = mean_power(C)[:, None]
         q = np.sqrt(noise_variances(C, "eigen", m)) if self.noise == "eigen" else np.sqrt(np.broadcast_to(level, (len(C), 4)))
         value, vector = np.linalg.eigh(C / (q[:, :, None] * q[:, None, :]))
         noise = value[:, : 4 - m].mean(axis=1)[:, None]
