@@ -702,6 +702,18 @@ class LikelihoodOfElsewhere(good.GoodLikelihood):
         return _Reversed(space, setup, sensors, self.scale)
 
 
+class _Unmeasured(good.LikelihoodOfPairs):
+    def focused(self, x: Any, w: Any, scan: Any) -> Any:
+        focus = super().focused(x, w, scan)
+        return focus and focus._replace(rows=((self.sensors[0], np.zeros(1), np.eye(1)),))
+
+
+@fault("likelihood.focused", "no measurement to compare them with")
+class LikelihoodOfRowsAlone(good.GoodLikelihood):
+    def bound(self, space: Any, setup: Any, sensors: Any) -> Any:
+        return _Unmeasured(space, setup, sensors, self.scale)
+
+
 @fault("likelihood.foreign", "without naming those it reads")
 class LikelihoodThatFindsNone(good.GoodLikelihood):
     def bind(self, space: Space, setup: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sonobench.errors import SetupError
 from sonobench.geometry import sensor_delays
-from sonobench.protocols import Mixture, Rendering, Series, SoundSignal
+from sonobench.protocols import Focused, Mixture, Rendering, Series, SoundSignal
 from sonobench.scoring import aligned
 from sonobench.testing import fixtures
 from sonobench.types import Block, Detections, Estimate, Header, MicArray, Scan, Sensor, Setup, Space, Truth
@@ -249,6 +249,9 @@ class LikelihoodOfPairs:
             return None
         points = x[:, self.space.index(*(n for n in ("x_m", "y_m", "z_m") if n in self.space.names))]
         return self.ratio(np.stack([self.look(points, scan, q) for q in self.sensors], axis=1))
+
+    def focused(self, x: Any, w: Any, scan: Scan) -> Any:
+        return None if "gcc" not in scan.fields else Focused(lambda at: self.log_ratio(at, scan))
 
     def look(self, points: Any, scan: Scan, q: int) -> Any:
         delays = fixtures.measured_of(points, self.setup.sensors[q], self.setup.c_m_s)

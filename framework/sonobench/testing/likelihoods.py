@@ -8,7 +8,7 @@ import numpy as np
 
 from sonobench.errors import SetupError
 from sonobench.testing import fixtures
-from sonobench.testing.kit import Case, claim, need, unmet, untouched
+from sonobench.testing.kit import Case, Skip, claim, need, unmet, untouched
 from sonobench.testing.trackers import refused
 from sonobench.types import Scan, Setup, Space
 
@@ -92,6 +92,30 @@ def peak(case: Case) -> None:
         found[0] > np.mean(found[1:]),
         f"the talker's own place has the log ratio {found[0]:.3g}, others {np.mean(found[1:]):.3g} on average",
     )
+
+
+@claim("likelihood.focused", _LIKELIHOOD, ["likelihood.silence"])
+def focused(case: Case) -> None:
+    """Told where the target may be, it gives a function of later points, and the rows that it trusts, by sensor; of silence None."""
+    bound, space, setup = _bound(case)
+    if not hasattr(bound, "focused"):
+        raise Skip("it has no focused; it reads a scan the same way wherever the target may be")
+    x = _states(space)
+    w = np.full(len(x), 1.0 / len(x))
+    untouched(lambda a, b: bound.focused(a, b, _scan(setup)), x, w)
+    focus = bound.focused(x, w, _scan(setup))
+    for n in (len(x), 1, 0):
+        found = np.asarray(focus.log_ratio(x[:n]))
+        need(found.shape == (n,), f"{n} later points give shape {found.shape}; ({n},) is needed")
+        need(not (np.isnan(found).any() or np.isposinf(found).any()), "a log ratio is NaN or +infinity")
+    for q, z, R in focus.rows:
+        dz = len(setup.sensors[q].space)
+        need(
+            np.shape(z) == (dz,) and np.shape(R) == (dz, dz),
+            f"the row of sensor {q} has shapes {np.shape(z)} and {np.shape(R)}; ({dz},) and ({dz}, {dz}) are needed",
+        )
+    need(not focus.rows or focus.measurement is not None, "there are rows, and no measurement to compare them with")
+    need(bound.focused(x, w, fixtures.silent(setup, 0.1, False)) is None, "a silent scan gives a focus; None is needed")
 
 
 @claim("likelihood.foreign", _LIKELIHOOD, ["likelihood.runs"])
