@@ -85,7 +85,8 @@ def _run(numbers: Numbers, births: Mixture, scans: Sequence[Scan], rng: np.rando
         now = EPOCH + timedelta(seconds=scan.time_s)
         predictor.birth_probability = born / len(cloud)
         rows = [z for group in scan.detections for z in group.z]
-        hypotheses = hypothesiser.hypothesise(Track([cloud]), {Detection(StateVector(z), now, measurement_model=model) for z in rows}, now)
+        # a list, not the set of its examples, whose order differs from run to run
+        hypotheses = hypothesiser.hypothesise(Track([cloud]), [Detection(StateVector(z), now, measurement_model=model) for z in rows], now)
         log_shares = updater.get_log_weights_per_hypothesis(hypotheses)
         log_w = logsumexp(log_shares, axis=1)
         x, shares = np.asarray(hypotheses[0].prediction.state_vector, float), np.exp(log_shares[:, 1:])
