@@ -46,6 +46,7 @@ _TURNING = {
     "models": ["bearing-acceleration", {"use": "bearing-velocity", "accelerations": True}, {"use": "bearing-turn", "accelerations": True}],
     "rates_hz": [[0.0, 0.1, 0.0], [0.1, 0.0, 0.1], [0.1, 0.2, 0.0]],
 }
+_SEEN = {"use": "fixed", "means": [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]], "variances": [[1.0, 0.01, 0.3, 0.01]], "weights": [0.1]}
 #: further configurations of the same components
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("front_end", {"use": "gcc-peaks", "window": "hamming", "memory_s": 0.2, "pairs": "all"}),
@@ -96,6 +97,8 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("simulator", {"use": "measurements", "layout": "position", "p_d": 0.9, "position_std_m": 0.02, "clutter_per_scan": 1.0}),
     ("tracker", {"use": "ck-phd", "measurement": "position", "birth": "room"}),
     ("tracker", {"use": "smc-phd", "extraction": "labels", "resampling": "residual"}),
+    ("tracker", {"use": "delta-glmb", "motion": "bearing-velocity", "measurement": "direction", "birth": _SEEN}),
+    ("tracker", {"use": "delta-glmb", "truncation": "murty", "max_hypotheses": 20, "measurement": "position", "birth": "from-positions"}),
     ("tracker", {"use": "smc-phd", "extraction": "k-means", "resampling": "stratified", "birth": {"use": "room"}}),
     ("tracker", {"use": "smc-phd", "measurement": "position", "birth": "room", "extraction": "labels"}),
 ]
