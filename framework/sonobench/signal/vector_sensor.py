@@ -27,6 +27,7 @@ Confidence = Literal["plug-in", "residuals", "none"]
 FLOOR = 1e-6
 _NEWTON = 60
 _CONVERGED = 1e-15
+_SMALL = 1e-4  # a step of Fisher scoring that leaves an error of its square
 
 
 class Solution(NamedTuple):
@@ -253,10 +254,10 @@ class Fit(NamedTuple):
     M: Array
 
 
-def fitted(C: Floats, steps: int = 4) -> Fit:
+def fitted(C: Floats, steps: int = 12) -> Fit:
     """Maximum likelihood of C = σ_s² a aᵀ + diag(q) for Gaussian snapshots, by Fisher scoring from the moments.
 
-    A step that does not raise the likelihood is not taken, so the worst answer is that of the moments: the intensity's direction.
+    A step that does not raise the likelihood ends a frame's scoring, so the worst answer is that of the moments: the intensity's direction.
     """
     C = np.asarray(C, float)
     level = mean_power(C)
@@ -267,16 +268,19 @@ def fitted(C: Floats, steps: int = 4) -> Fit:
     power = np.log(np.concatenate([source, _floored(np.einsum("...ii->...i", C) - held, C)], axis=-1))
     model, gain = _scoring(u, power)
     likelihood = _likelihood(model, C)
+    going = np.ones(likelihood.shape, bool)
     for _ in range(steps):
         step = np.einsum("...iab,...ab->...i", gain, C - model).clip(-1.0, 1.0)
         there, level_there = _unit(u + np.einsum("...i,...ij->...j", step[..., :2], axes(u))), power + step[..., 2:]
         trial, trial_gain = _scoring(there, level_there)
         value = _likelihood(trial, C)
-        better = value > likelihood
+        better = going & (value > likelihood)
         u, power = np.where(better[..., None], there, u), np.where(better[..., None], level_there, power)
         pick = better[..., None, None]
         model, gain = np.where(pick, trial, model), np.where(pick[..., None], trial_gain, gain)
-        likelihood = np.where(better, value, likelihood)
+        likelihood, going = np.where(better, value, likelihood), better & (np.abs(step).max(axis=-1) > _SMALL)
+        if not going.any():
+            break
     scale = np.exp(power) * level[..., None]
     return Fit(u, scale[..., 0], scale[..., 1:], gain / level[..., None, None, None])
 
