@@ -97,7 +97,9 @@ def reweigh(log_w: Array, x: Array, z_hat: Floats, scan: Scan, measurement: Boun
     """
     rows = rows_of(scan, q, z_hat.shape[-1])
     p_d = measurement.p_d(x, q, scan)[..., 0]
-    logs, shares = np.full((len(rows.z), len(x)), -np.inf), np.zeros((len(rows.z), len(x)))
+    shape = len(rows.z), len(x)
+    logs: Array = np.full(shape, -np.inf)
+    shares: Array = np.zeros(shape)
     with np.errstate(divide="ignore"):
         log_joint, log_after = log_w + np.log(p_d), log_w + np.log1p(-p_d)
     by_component = np.ascontiguousarray(z_hat.T).T  # so that loops run along the particles
