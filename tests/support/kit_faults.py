@@ -36,6 +36,8 @@ _ROLES = {
     "front_end": good.GoodFrontEnd,
     "preprocessor": good.GoodPreprocessor,
     "delay": good.GoodDelay,
+    "direction": good.GoodDirection,
+    "spectrum": good.GoodSpectrum,
     "activity": good.GoodActivity,
     "sound": good.GoodSound,
     "motion": good.GoodMotion,
@@ -912,6 +914,85 @@ class Gaping(good.GoodSimulator):
 class UnseededSimulator(good.GoodSimulator):
     def rng(self, seed: int) -> Any:
         return _unseeded
+
+
+# directions and their spectra
+
+
+@fault("direction.runs", "u of 3 frames has shape (3, 3)")
+class Squeezed(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        found = super().directions(samples)
+        return found._replace(u=found.u[:, 0])
+
+
+@fault("direction.unit", "a frame of zeros has a valid direction")
+class Believing(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        found = super().directions(samples)
+        return found._replace(u=np.where(found.valid[..., None], found.u, [1.0, 0.0, 0.0]), valid=np.ones_like(found.valid))
+
+
+@fault("direction.towards", "° off; velocities are scaled")
+class Away(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        found = super().directions(samples)
+        return found._replace(u=-found.u)
+
+
+@fault("direction.scale", "60 dB fainter has other valid rows")
+class Gated(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        found = super().directions(samples)
+        return found._replace(valid=found.valid & (np.mean(samples**2, axis=(1, 2)) > 1e-3)[:, None])
+
+
+@fault("direction.batch", "frame 0 alone and among others has other directions")
+class Mixing(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        found = super().directions(samples)
+        u = found.u + 1e-3 * found.u.mean(axis=0)
+        length = np.linalg.norm(u, axis=-1, keepdims=True)
+        return found._replace(u=u / np.where(length > 0, length, 1.0))
+
+
+@fault("direction.mutation", "writes into its arguments")
+class Rescaling(good.GoodDirection):
+    def directions(self, samples: Any) -> Any:
+        samples *= 1.0
+        return super().directions(samples)
+
+
+@fault("spectrum.runs", "1 fields of 3 frames")
+class Averaging(good.GoodSpectrum):
+    def fields(self, samples: Any) -> Any:
+        return super().fields(samples)[:1]
+
+
+@fault("spectrum.peak", "towards the talker")
+class Mirrored(good.GoodSpectrum):
+    def fields(self, samples: Any) -> Any:
+        return super().fields(samples * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+@fault("spectrum.silence", "a frame of zeros gives NaN or infinity")
+class Normalised(good.GoodSpectrum):
+    def fields(self, samples: Any) -> Any:
+        return [good.Beam(x.T @ x / np.sum(x * x)) for x in samples]
+
+
+@fault("spectrum.batch", "frame 0 alone gives another field")
+class Joint(good.GoodSpectrum):
+    def fields(self, samples: Any) -> Any:
+        scale = np.mean(samples**2)
+        return [good.Beam(x.T @ x / scale) for x in samples]
+
+
+@fault("spectrum.mutation", "writes into its arguments")
+class Scaling(good.GoodSpectrum):
+    def fields(self, samples: Any) -> Any:
+        samples *= 1.0
+        return super().fields(samples)
 
 
 FAULTS["pipeline.runs"] = ("pipeline", Pipeline(good.GoodFrontEnd(), Late()), "says")

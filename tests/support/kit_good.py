@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sonobench.errors import SetupError
-from sonobench.geometry import sensor_delays
-from sonobench.protocols import Focused, Mixture, Rendering, Series, SoundSignal
+from sonobench.geometry import sensor_delays, unit_vector
+from sonobench.protocols import Directions, Focused, Mixture, Rendering, Series, SoundSignal
 from sonobench.scoring import aligned
 from sonobench.testing import fixtures
 from sonobench.types import Block, Detections, Estimate, Header, MicArray, Scan, Sensor, Setup, Space, Truth
@@ -139,6 +139,37 @@ class GoodPreprocessor:
 
     def finish(self, state: Any) -> Any:
         return state
+
+
+@dataclass(frozen=True)
+class GoodDirection:
+    """The intensity."""
+
+    def directions(self, samples: Any) -> Any:
+        flow = np.mean(samples[..., 1:] * samples[..., :1], axis=1)[:, None]
+        length = np.linalg.norm(flow, axis=-1, keepdims=True)
+        u = np.divide(flow, length, out=np.zeros_like(flow), where=length > 0)
+        return Directions(u, length[..., 0] > 0, np.full((*u.shape[:2], 1, 1), 1e-4) * np.eye(2))
+
+
+@dataclass(frozen=True)
+class Beam:
+    """Mean power of p + uᵀv towards u, of a covariance."""
+
+    C: Any
+    unit: str = "1"
+
+    def at(self, z: Any, sensor: Any) -> Any:
+        a = np.concatenate([np.ones((*np.shape(z)[:-1], 1)), unit_vector(z)], axis=-1)
+        return np.einsum("...i,ij,...j->...", a, self.C, a)
+
+
+@dataclass(frozen=True)
+class GoodSpectrum:
+    """A beam that is turned."""
+
+    def fields(self, samples: Any) -> Any:
+        return [Beam(x.T @ x / len(x)) for x in samples]
 
 
 @dataclass(frozen=True)
