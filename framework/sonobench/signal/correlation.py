@@ -96,6 +96,11 @@ class TablePlan:
         """Columns of a table."""
         return 2 * self.reach * len(self.taps) + 1
 
+    @property
+    def batch(self) -> int:
+        """Frames at a time whose cross-spectra stay in the cache."""
+        return max(1, _BATCH_BYTES // (len(self.pairs) * self.bins * np.dtype(np.complex64).itemsize))
+
     def spectra(self, frames: Floats) -> Complexes:
         """Band-limited one-sided spectra (f, mic, bins) complex64 of frames (f, n, mic)."""
         return self._spectra(frames, self.window)
@@ -140,10 +145,9 @@ class TablePlan:
         Raises:
             PluginError: the estimator's answer has another shape.
         """
-        batch = max(1, _BATCH_BYTES // (len(self.pairs) * self.bins * spectra.itemsize))
         out = np.empty((len(spectra), len(self.pairs), self.columns), np.float32)
-        for f in range(0, len(spectra), batch):
-            self._correlate(delay, spectra[f : f + batch], out[f : f + batch])
+        for f in range(0, len(spectra), self.batch):
+            self._correlate(delay, spectra[f : f + self.batch], out[f : f + self.batch])
         return out
 
     def _correlate(self, delay: Delay, spectra: Complexes, out: NDArray[np.float32]) -> None:

@@ -140,6 +140,12 @@ class TableStream:
 
     def _weighed(self, frames: Any, past: Any) -> tuple[NDArray[np.float32], Any]:
         """Tables of an estimator that weighs averaged spectra; the average decays from voiced frame to voiced frame."""
+        tables, batch = np.empty((len(frames), len(self.plan.pairs), self.plan.columns), np.float32), self.plan.batch
+        for f in range(0, len(frames), batch):
+            tables[f : f + batch], past = self._weighed_few(frames[f : f + batch], past)
+        return tables, past
+
+    def _weighed_few(self, frames: Any, past: Any) -> tuple[NDArray[np.float32], Any]:
         delay: Any = self.delay
         cross, power = self.plan.welch(frames, delay.segments)
         if self.keep_spectra > 0.0:
