@@ -80,9 +80,19 @@ def test_over_twenty_seeds_cumulants_follow_five_sources_and_covariances_fail() 
 
 
 @pytest.mark.study
-@pytest.mark.parametrize(("low", "high", "most"), [(35, 50, 2.0), (20, 35, 4.0), (10, 20, 5.0)])
-def test_random_scenes_by_least_separation(low: float, high: float, most: float) -> None:
-    built = pipeline("cum-glmb")
+@pytest.mark.parametrize(
+    ("name", "low", "high", "most"),
+    [
+        ("cum-glmb", 35, 50, 3.5),
+        ("cum-glmb", 20, 35, 4.0),
+        ("cum-glmb", 10, 20, 4.0),
+        ("gls-glmb", 35, 50, 2.0),
+        ("gls-glmb", 20, 35, 2.8),
+        ("gls-glmb", 10, 20, 3.3),
+    ],
+)
+def test_random_scenes_by_least_separation(name: str, low: float, high: float, most: float) -> None:
+    built = pipeline(name)
     found = np.array([judged(*drawn_run(built, seed, 5, (low, high), 25), built.tracker.space) for seed in range(20)])
-    print(f"{low}-{high}°: OSPA, switches, labels, strays", found.mean(axis=0).round(2), "five labels", np.mean(found[:, 2] == 5))
+    print(f"{name} {low}-{high}°: OSPA, switches, labels, strays", found.mean(axis=0).round(2), "five labels", np.mean(found[:, 2] == 5))
     assert found[:, 0].mean() <= most
