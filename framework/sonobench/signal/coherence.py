@@ -55,9 +55,13 @@ def check_exponent(alpha: float, adapt: bool, segments: int, memory_s: float) ->
 
 
 def snr_exponent(cross: Complexes, power: Floats, pairs: Ints) -> Floats:
-    """Liang 2016, table 3-4: .5 up to 10 dB, .75 up to 25 dB, .85 above, (…, P, 1), of the ratio that the mean coherence implies."""
-    gamma = np.sqrt(coherence(cross, power, pairs))
-    heard = np.count_nonzero(cross, axis=-1)[..., None]
-    mean = np.minimum(gamma.sum(axis=-1, keepdims=True) / np.maximum(heard, 1), 1 - 1e-6)
-    snr_db = 10 * np.log10(np.maximum(mean, 1e-6) / (1 - mean))
+    """Liang 2016, table 3-4: .5 up to 10 dB, .75 up to 25 dB, .85 above, (…, P, 1), of the ratio that the coherence implies.
+
+    What both microphones share, sum |G12|, is the signal's power over all bins, and sum √(G11 G22) its sum with the noise's. (The
+    mean of the coherences would weigh every bin alike: of speech most hold noise, and it stays below 10 dB whatever the ratio.)
+    """
+    shared = np.abs(cross).sum(axis=-1, keepdims=True)
+    whole = np.sqrt(power[..., pairs[:, 0], :] * power[..., pairs[:, 1], :]).sum(axis=-1, keepdims=True)
+    share = np.clip(np.divide(shared, whole, out=np.zeros_like(shared), where=whole > 0), 1e-6, 1 - 1e-6)
+    snr_db = 10 * np.log10(share / (1 - share))
     return np.asarray(_EXPONENTS, np.float32)[np.searchsorted(_STEPS_DB, snr_db)]

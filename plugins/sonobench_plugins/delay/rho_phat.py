@@ -3,8 +3,8 @@
 Source: Liang 2016, eq. 3-8 and table 3-4; Shen & Liu 2009, "A modified cross power-spectrum phase method based on microphone array".
 alpha = 0 is plain cross-correlation, 1 the phase transform (the thesis's table 3-3 says so; the sentence above it has the names
 the other way round). With `adapt` alpha follows the signal-to-noise ratio by table 3-4 (.5 to 10 dB, .75 to 25 dB, .85 above),
-which is estimated from the coherence: |gamma| = S / (S + N) of equally noisy microphones. That overestimates it where few
-segments are averaged.
+which is estimated from the coherence: sum |G12| / sum √(G11 G22) = S / (S + N) of equally noisy microphones. That overestimates it where
+few segments are averaged. Who knows the ratio sets `alpha`: an estimator is told nothing of the scene.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pytest
 
 from sonobench.errors import SetupError
 from sonobench.pipeline import scans_of
-from sonobench.signal import coherence, cross_spectra, plan_tables
+from sonobench.signal import coherence, cross_spectra, plan_tables, snr_exponent
 from sonobench.testing import check, fixtures
 from sonobench_plugins.activity.always import Always
 from sonobench_plugins.delay.cc import Cc
@@ -105,6 +105,20 @@ def test_coherence_falls_with_noise_and_the_exponent_with_it():
     ]
     assert 1 > mean[0] > mean[1] > mean[2] > 0
     assert mean[2] < 0.25
+
+
+@pytest.mark.parametrize(("snr_db", "alpha"), [(0.0, 0.5), (5.0, 0.5), (15.0, 0.75), (20.0, 0.75), (32.0, 0.85)])
+def test_the_exponent_follows_the_ratio_by_table_3_4_also_where_most_bins_hold_noise(snr_db, alpha):
+    rng = np.random.default_rng(3)
+    spectrum = np.fft.rfft(rng.standard_normal((1, 65536)))
+    spectrum[:, spectrum.shape[1] // 8 :] = 0  # an eighth of the band
+    source = np.fft.irfft(spectrum)[0]
+    heard = np.stack([np.roll(source, s) for s in (3, 0, 3)], axis=-1)
+    noise = rng.standard_normal(heard.shape) * source.std() * 10 ** (-snr_db / 20)
+    plan = plan_tables(PAIRS, 8000.0, "hann", 1024, 0.002, None, 4)
+    found = snr_exponent(*plan.welch((heard + noise).reshape(64, 1024, 3).astype(np.float32), 7), PAIRS)
+    assert found.shape == (64, 2, 1)
+    assert np.median(found) == np.float32(alpha)
 
 
 @pytest.mark.parametrize("estimator", [Cc(memory_s=0.3), Iphat(memory_s=0.2), Ht(segments=3), Scot()], ids=lambda e: type(e).__name__)
