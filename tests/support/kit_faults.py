@@ -544,6 +544,15 @@ class Nervous(good.GoodMotion):
         return x @ self.F(dt_s).T + 1.5 * np.sqrt(self.rate * dt_s) * rng.standard_normal(x.shape), mode
 
 
+@fault("motion.branches", "probabilities sum to")
+class Doubled(good.GoodMotion):
+    n_modes = 2
+
+    def branches(self, x: Any, P: Any, mode: Any, dt_s: float, memory: Any = None) -> Any:
+        m, C = self.moments(x, P, mode, dt_s)
+        return np.ones((len(x), 2)), np.stack([m, m], axis=1), np.stack([C, C], axis=1)
+
+
 @fault("motion.density", "exp(log_density) integrates to")
 class Unnormalised(good.GoodMotion):
     def log_density(self, x1: Any, x0: Any, mode: Any, dt_s: float, memory: Any = None) -> Any:
