@@ -65,7 +65,7 @@ def bearing_log_density(x1: Array, x0: Array, F: Array, Q: Array) -> Array:
     magnitude = np.max(np.abs(x1), axis=-1, initial=0.0) + np.max(np.abs(x0), axis=-1, initial=0.0) + math.pi
     full = Space(space.names, tuple(2 * math.pi if name.endswith("_rad") else 0.0 for name in space.names))
     straight, across = (log_degenerate(np.asarray(full.residual(a, m), np.float64), Q, magnitude) for a in (x1, over))
-    return np.maximum(straight, across)
+    return np.asarray(np.maximum(straight, across))
 
 
 def held_still(F: Array, Q: Array, dt_s: float) -> tuple[Array, Array]:
@@ -75,4 +75,4 @@ def held_still(F: Array, Q: Array, dt_s: float) -> tuple[Array, Array]:
 
 def blocks(block: Array) -> Array:
     """The block-diagonal matrix (2 k, 2 k) of one axis's (k, k) block, for azimuth and for elevation."""
-    return np.kron(np.eye(2), block)
+    return np.asarray(np.kron(np.eye(2), block), np.float64)
