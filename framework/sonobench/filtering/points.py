@@ -22,8 +22,8 @@ def spread(m: Floats, P: Floats, radius: float) -> Array:
     return x
 
 
-#: steps towards the mean of a curved space; each leaves about the cube of the points' spread (rad) of the error
-_STEPS = 4
+#: most steps towards the mean of a curved space, and the length at which one is the last
+_STEPS, _SHORT = 8, 1e-9
 
 
 def image_moments(
@@ -60,7 +60,10 @@ def weighted_moments(
         z_hat = z_hat + w_mean @ residual(z, first)
     else:
         for _ in range(_STEPS):
-            z_hat = moved(z_hat, w_mean @ residual(z, z_hat[..., None, :]))
+            step = w_mean @ residual(z, z_hat[..., None, :])
+            z_hat = moved(z_hat, step)
+            if np.max(np.abs(step), initial=0.0) < _SHORT:
+                break
     off = residual(z, z_hat[..., None, :])
     weighted = off * w_cov[:, None]
     return (
