@@ -126,6 +126,7 @@ def sonobench_components() -> Mapping[str, Mapping[str, Any]]:
             "gospa": f"{_HERE}.metric.gospa:Gospa",
             "cardinality": f"{_HERE}.metric.cardinality:Cardinality",
             "position-error": f"{_HERE}.metric.position_error:PositionError",
+            "run-error": f"{_HERE}.metric.run_error:RunError",
             "ospa2": f"{_HERE}.metric.ospa2:Ospa2",
             "label-switches": f"{_HERE}.metric.label_switches:LabelSwitches",
             "fragmentation": f"{_HERE}.metric.fragmentation:Fragmentation",
