@@ -42,7 +42,7 @@ def residual(rng: np.random.Generator, w: Array, n: int) -> Ints:
     Raises:
         ValueError: the weights sum to zero or are not finite.
     """
-    expected = n * np.diff(_edges(w), prepend=0.0)
+    expected = np.maximum(n * np.diff(_edges(w), prepend=0.0), 0.0)  # the last edge is set to 1, which may lie below the sum before it
     certain = np.floor(expected)
     rest = n - int(certain.sum())
     times = certain.astype(np.int64)

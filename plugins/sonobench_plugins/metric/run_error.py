@@ -1,6 +1,7 @@
 """Root mean square error over a whole run, as papers on tracking one talker print it, and the share of runs that lost him.
 
-The error is a target's distance to the nearest estimate: it does not ask how many there are. A lost run dominates an average over runs; the median and the share of lost runs stand beside it for that reason.
+The error is a target's distance to the nearest estimate: it does not ask how many there are. A lost run dominates an average over
+runs: their share stands beside it, and the run's folder keeps every run's own error (scores.parquet).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from sonobench.types import Estimate, Space, Truth
 
 @dataclass(frozen=True)
 class RunError:
-    """Columns "" (average over runs of a run's root mean square error), "median" over runs, "lost" (share of runs)."""
+    """Columns "" (a run's root mean square error; boards average it over runs) and "lost" (share of runs)."""
 
     lost_m: float = 0.6  #: a run whose error is above is lost
     targets: Literal["exists", "active"] = "exists"  #: instants that count
@@ -48,6 +49,5 @@ class RunError:
         one = np.ones(len(found))
         return {
             "": Series(found, one, pairs.unit, pool="mean", coverage=share),
-            "median": Series(found, one, pairs.unit, pool="median", coverage=share),
             "lost": Series(lost, np.ones(1), "1", pool="mean", worst=1.0),
         }

@@ -38,3 +38,12 @@ def test_weights_of_no_sum_are_refused(name, w):
 def test_whole_expectations_are_met_exactly_by_residual_resampling():
     chosen = RESAMPLERS["residual"](np.random.default_rng(0), np.array([1.0, 2.0, 1.0]), 8)
     np.testing.assert_array_equal(np.bincount(chosen), [2, 4, 2])
+
+
+def test_weights_whose_running_sum_rounds_above_their_total_are_resampled():
+    rng, over = np.random.default_rng(3), 0
+    for _ in range(400):
+        w = np.append(rng.random(299) ** 20, 0.0)
+        over += np.cumsum(w)[-2] / np.sum(w) > 1.0
+        assert len(RESAMPLERS["residual"](rng, w, 300)) == 300
+    assert over > 0

@@ -1,4 +1,4 @@
-"""A run's root mean square error, its median over runs, and lost runs."""
+"""A run's root mean square error, and lost runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ def test_it_is_the_root_mean_square_over_instants() -> None:
     found = RunError().evaluate(truth(), off([0.1, 0.2, 0.2, 0.4, 0.0]), SPACE)
     assert found[""].values == pytest.approx([np.sqrt(0.25 / 5)])
     assert found[""].pool == "mean"
-    assert found["median"].pool == "median"
     assert found["lost"].values.tolist() == [0.0]
 
 
