@@ -9,7 +9,7 @@ import numpy as np
 from sonobench import pipeline
 from sonobench.errors import SetupError, SonobenchError
 from sonobench.protocols import Rendering
-from sonobench.testing import fixtures
+from sonobench.testing import directions, fixtures
 from sonobench.testing.kit import Case, Skip, broken, claim, need, unmet
 from sonobench.types import identical
 
@@ -137,7 +137,9 @@ def _listed(value: Any) -> Any:
 def pipeline_runs(case: Case) -> None:
     """A pipeline goes from a recording to estimates, or ends at its scans."""
     samples = getattr(case.component.front_end, "consumes", "samples") == "samples"
-    recordings: list[Any] = [fixtures.sampled()] if samples else [fixtures.measured(grouping=g) for g in ("pairs", "stack", "positions")]
+    recordings: list[Any] = (
+        [fixtures.sampled(), directions.sampled()] if samples else [fixtures.measured(grouping=g) for g in ("pairs", "stack", "positions")]
+    )
     reasons: list[str] = []
     for recording in recordings:
         try:
