@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sonobench import Run, Study
+from sonobench import Study
 from sonobench.components import build
 from sonobench.geometry import angles, unit_vector
 from sonobench.registry import Registry
@@ -17,7 +17,6 @@ from sonobench.scene.truth import truth_of
 
 REGISTRY = Registry.load()
 STUDIES = ["zhang-glmb-two", "zhang-glmb-snr", "zhang-glmb-sigma", "zhang-glmb-three", "zhang-glmb-random"]
-SNR, UNEQUAL = ("scene", "noise", "snr_db"), ("scene", "noise", "velocity_db")
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -54,11 +53,36 @@ def test_least_separations_of_the_random_scenes(low: int, high: int, number: int
     assert low <= np.degrees(np.arccos(np.clip(cosines, -1, 1))).min() < high
 
 
-def _run(name: str, only: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, **swept: list[float]) -> Run:
+def _means(name: str, metric: str, only: tuple[str, ...], noise: dict[str, float], folder: Path) -> dict[str, float]:
+    """Mean of each pipeline over six renderings in one noise."""
+    study = Study.load(name, repetitions=6, only=only)
+    run = dataclasses.replace(study, sweep={("scene", "noise", key): (value,) for key, value in noise.items()}).run(out=folder)
+    return dict(run.board(metric).set_index("pipeline")["mean"])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
-    study = Study.load(name, only=only)
-    return dataclasses.replace(study, sweep={("scene", "noise", k): tuple(v) for k, v in swept.items()}).run(out=tmp_path / "run")
+    return tmp_path / "run"
 
 
-def _means(run: Run, metric: str) -> dict[str, float]:
-    return run.board(metric).set_index("pipeline")["mean"].to_dict()
+@pytest.mark.study
+def test_figure_4_depends_on_the_order_rule_and_on_the_width_of_peaks(folder: Path) -> None:
+    names = ("cum-glmb", "cum-cbmember", "cov-glmb", "cov-narrow", "cov-glmb-threshold", "cum-glmb-threshold")
+    ospa = _means("zhang-glmb-two", "ospa-direction", names, {"velocity_db": 0.0}, folder)
+    assert ospa["cum-glmb"] == pytest.approx(ospa["cum-cbmember"], abs=0.01)
+    assert ospa["cum-glmb"] < 1.0 < ospa["cov-glmb"] < 2.0
+    assert ospa["cov-narrow"] < ospa["cum-glmb"]
+    assert 1.5 < ospa["cum-glmb-threshold"] < ospa["cov-glmb-threshold"]
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("snr_db", "velocity_db", "better"),
+    [(0.0, 0.0, "cov-narrow"), (10.0, 0.0, "cov-narrow"), (0.0, -8.45, "cum-glmb"), (10.0, -8.45, "cum-glmb")],
+)
+def test_figure_5_is_the_other_way_round_in_equal_noise(snr_db: float, velocity_db: float, better: str, folder: Path) -> None:
+    names = ("cum-glmb", "cov-narrow")
+    error = _means("zhang-glmb-snr", "direction-error.deg", names, {"snr_db": snr_db, "velocity_db": velocity_db}, folder)
+    (other,) = set(names) - {better}
+    assert error[better] < 0.7 * error[other]
