@@ -1,0 +1,55 @@
+"""The bundled studies of the paper on a multi-feature adaptive unscented particle filter (2022): they plan, differ where they say, and hold their bars."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from sonobench import Study
+from sonobench.components import build
+from sonobench.pipeline import Pipeline
+from sonobench.registry import Registry
+from sonobench.scene import Scene
+from sonobench.scene.truth import truth_of
+
+REGISTRY = Registry.load()
+STUDIES = ["mfaupf2022-paths", "mfaupf2022-t60", "mfaupf2022-snr", "mfaupf2022-office", "mfaupf2022-random", "mfaupf2022-tuning"]
+
+
+def pipeline(study: str, name: str) -> Pipeline:
+    return build("pipeline", Study.load(study).pipelines[name], REGISTRY)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_scene_pipeline_and_metric_builds(name: str) -> None:
+    study = Study.load(name)
+    assert len(study.plan().trials) >= len(study.scenes) * study.repetitions * len(study.pipelines)
+
+
+@pytest.mark.parametrize(
+    ("scene", "corners"),
+    [
+        ("mfaupf2022-turn", [(0.0, 1.0, 1.0), (1.6 / 0.989011, 1.0, 2.6), (5.6 / 0.989011, 5.0, 2.6), (7.28, 5.0, 1.0)]),
+        ("mfaupf2022-arc", [(0.0, 1.0, 2.5), (3.64, 3.0, 0.5), (7.28, 5.0, 2.5)]),
+    ],
+)
+def test_paths_are_those_of_the_paper(scene: str, corners: list[tuple[float, float, float]]) -> None:
+    truth = truth_of(Scene.load(scene, REGISTRY), 0)
+    for time_s, x, y in corners:
+        k = abs(truth.time_s - time_s).argmin()
+        assert truth.position[k, 0, :2] == pytest.approx((x, y), abs=0.05)
+
+
+def test_nothing_was_tuned_on_what_is_measured() -> None:
+    tuned = Study.load("mfaupf2022-tuning")
+    for name in set(STUDIES) - {"mfaupf2022-tuning"}:
+        assert not set(tuned.scenes) & set(Study.load(name).scenes)
+
+
+def test_entries_of_the_paths_differ_by_one_part_from_mfacv() -> None:
+    base = pipeline("mfaupf2022-paths", "mfacv")
+    for name in ("mfal", "mfarw", "mfaupf", "mfacv-no-floor", "mfacv-floor-1"):
+        assert pipeline("mfaupf2022-paths", name).front_end == base.front_end
+    assert pipeline("mfaupf2022-paths", "mfaupf").tracker == dataclasses.replace(base.tracker, proposal="unscented")
+    assert pipeline("mfaupf2022-paths", "mfacv-selected").tracker == base.tracker
