@@ -1,8 +1,9 @@
-"""The bundled studies of the paper on a multi-feature adaptive unscented particle filter (2022): they plan, differ where they say, and hold their bars."""
+"""The bundled studies of the paper on a multi-feature adaptive unscented particle filter (2022): they plan, and differ where they say."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import pytest
 
@@ -12,18 +13,24 @@ from sonobench.pipeline import Pipeline
 from sonobench.registry import Registry
 from sonobench.scene import Scene
 from sonobench.scene.truth import truth_of
+from sonobench_plugins.tracker.particle_filter import ParticleFilter
 
 REGISTRY = Registry.load()
 STUDIES = ["mfaupf2022-paths", "mfaupf2022-t60", "mfaupf2022-snr", "mfaupf2022-office", "mfaupf2022-random", "mfaupf2022-tuning"]
 
 
-def pipeline(study: str, name: str) -> Pipeline:
-    return build("pipeline", Study.load(study).pipelines[name], REGISTRY)
+@functools.cache
+def study_of(name: str) -> Study:
+    return Study.load(name)
+
+
+def entry(name: str) -> Pipeline:
+    return build("pipeline", study_of("mfaupf2022-paths").pipelines[name], REGISTRY)
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_scene_pipeline_and_metric_builds(name: str) -> None:
-    study = Study.load(name)
+    study = study_of(name)
     assert len(study.plan().trials) >= len(study.scenes) * study.repetitions * len(study.pipelines)
 
 
@@ -35,21 +42,22 @@ def test_every_scene_pipeline_and_metric_builds(name: str) -> None:
     ],
 )
 def test_paths_are_those_of_the_paper(scene: str, corners: list[tuple[float, float, float]]) -> None:
-    truth = truth_of(Scene.load(scene, REGISTRY), 0)
+    truth = truth_of(Scene.load(scene, REGISTRY))
     for time_s, x, y in corners:
         k = abs(truth.time_s - time_s).argmin()
         assert truth.position[k, 0, :2] == pytest.approx((x, y), abs=0.05)
 
 
 def test_nothing_was_tuned_on_what_is_measured() -> None:
-    tuned = Study.load("mfaupf2022-tuning")
+    tuned = study_of("mfaupf2022-tuning")
     for name in set(STUDIES) - {"mfaupf2022-tuning"}:
-        assert not set(tuned.scenes) & set(Study.load(name).scenes)
+        assert not set(tuned.scenes) & set(study_of(name).scenes)
 
 
 def test_entries_of_the_paths_differ_by_one_part_from_mfacv() -> None:
-    base = pipeline("mfaupf2022-paths", "mfacv")
+    base = entry("mfacv")
+    assert isinstance(base.tracker, ParticleFilter)
     for name in ("mfal", "mfarw", "mfaupf", "mfacv-no-floor", "mfacv-floor-1"):
-        assert pipeline("mfaupf2022-paths", name).front_end == base.front_end
-    assert pipeline("mfaupf2022-paths", "mfaupf").tracker == dataclasses.replace(base.tracker, proposal="unscented")
-    assert pipeline("mfaupf2022-paths", "mfacv-selected").tracker == base.tracker
+        assert entry(name).front_end == base.front_end
+    assert entry("mfaupf").tracker == dataclasses.replace(base.tracker, proposal="unscented")
+    assert entry("mfacv-selected").tracker == base.tracker
