@@ -22,6 +22,9 @@ from sonobench.registry import Entry, Registry
 
 #: a field name's last words → unit, longest first
 _UNITS = {
+    "_deg_s2": "°/s²",
+    "_rad_s2": "rad/s²",
+    "_deg_s": "°/s",
     "_rad_s": "rad/s",
     "_m_s2": "m/s²",
     "_m_s": "m/s",
@@ -177,6 +180,8 @@ def _default(f: Any, hint: Any, registry: Registry) -> Any:
         return None
     try:
         role = next((_ROLE_OF[a] for a in (hint, *typing.get_args(hint)) if _hashable(a) and a in _ROLE_OF), None)
+        if role and isinstance(value, tuple):
+            return [to_table(v, registry, role) for v in value]
         return to_table(value, registry, role if dataclasses.is_dataclass(value) else None)
     except (PluginError, TypeError):  # a default that no table can say
         return repr(value)

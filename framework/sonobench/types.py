@@ -257,7 +257,10 @@ class Header(_Travels):
         wanted = tuple(names)
         missing = [n for n in wanted if n not in self.given]
         if missing:
-            raise SetupError(f"the pipeline asks for given {missing}; recording {self.name} gives {sorted(self.given) or 'nothing'}")
+            raise SetupError(
+                f"the pipeline asks for given {missing}; recording {self.name} gives {sorted(self.given) or 'nothing'}: "
+                f"take a pipeline that asks for less, or a scene whose key `given` names them"
+            )
         return dataclasses.replace(self, given={n: self.given[n] for n in wanted})
 
 

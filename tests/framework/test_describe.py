@@ -143,6 +143,9 @@ def test_types_read_like_words(hint: Any, words: str) -> None:
         ("tau_s", "s"),
         ("p_s", ""),
         ("w_rad_s", "rad/s"),
+        ("w_rad_s2", "rad/s²"),
+        ("turn_deg_s", "°/s"),
+        ("acceleration_deg_s2", "°/s²"),
         ("count", ""),
         ("c_m", "m"),
     ],
@@ -155,3 +158,10 @@ def test_a_class_without_a_file_has_no_documentation() -> None:
     from dataclasses import make_dataclass
 
     assert field_docs(make_dataclass("Made", [("x", int)])) == {}
+
+
+def test_a_list_of_components_shows_their_tables() -> None:
+    registry = Registry.load()
+    told = describe(registry.entry("motion", "imm"), registry)
+    (models,) = [p["default"] for p in told["parameters"] if p["name"] == "models"]
+    assert [m["use"] for m in models] == ["constant-velocity", "constant-velocity"]

@@ -40,9 +40,19 @@ def _scan(setup: Setup) -> Scan:
 def runs(case: Case) -> None:
     """States (n, d) give n log ratios that are finite or −inf, also for no state at all."""
     bound, space, setup = _bound(case)
+    need(
+        hasattr(bound, "sensors"), f"bind gave a {type(bound).__name__} without `sensors`, the numbers of the sensors whose fields it reads"
+    )
     x = _states(space)
     for n in (len(x), 0):
-        found = bound.log_ratio(x[:n], _scan(setup))
+        scan = _scan(setup)
+        found = bound.log_ratio(x[:n], scan)
+        kinds = sorted({s.kind for s in setup.sensors})
+        need(
+            found is not None,
+            f"bind took a setup of sensors of kind {kinds}, and a scan of it with the fields {sorted(scan.fields)} gives None: "
+            f"bind must refuse, by SetupError, a setup without the sensors that it reads",
+        )
         need(np.shape(found) == (n,), f"{n} states give shape {np.shape(found)}; ({n},) is needed")
         need(not (np.isnan(found).any() or np.isposinf(found).any()), "a log ratio is NaN or +infinity")
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sonobench.errors import SetupError
+from sonobench.errors import InputError, SetupError
 from sonobench.filtering.mixture import empty, take
 from sonobench.filtering.sphere import apart, in_angles
 from sonobench.protocols import BoundMeasurement, Mixture, State
@@ -74,9 +74,15 @@ class FromSpectrum:
         return Seen(space, tuple(measurement.sensors))
 
     def propose(self, rng: np.random.Generator, memory: State, scan: Scan, live: Mixture) -> tuple[State, Mixture]:
-        """A component at each persistent peak where nobody is; the memory is left as it is by a scan without the field."""
+        """A component at each persistent peak where nobody is; a scan without fields leaves the memory as it is.
+
+        Raises:
+            InputError: the scan has other fields than this one.
+        """
         seen: Seen = memory
         spectrum = scan.fields.get(self.field)
+        if spectrum is None and scan.fields:
+            raise InputError(f"birth from-spectrum reads the field {self.field!r}; the scan at {scan.time_s} s has {sorted(scan.fields)}")
         if spectrum is None:
             return memory, empty(len(seen.space))
         now = tuple(field_peaks(spectrum, q, self.threshold, self.most) for q in seen.sensors)

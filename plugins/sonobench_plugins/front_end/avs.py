@@ -18,7 +18,7 @@ from sonobench.geometry import angles
 from sonobench.protocols import Activity, Direction, Directions, Preprocessor, Spectrum, State
 from sonobench.signal import Frames, Framing, Tail, drain, empty_tail, framing, push
 from sonobench.signal.preprocessing import ChainState, advance, begin, finish
-from sonobench.types import Field, Floats
+from sonobench.types import Array, Field, Floats
 from sonobench_plugins.activity.always import Always
 from sonobench_plugins.direction.intensity import Intensity
 
@@ -83,7 +83,7 @@ class Avs:
     def _arrays(self, header: Header) -> list[MicArray]:
         arrays = [a for a in header.arrays if a.kind == "avs" and self.array in ("", a.name)]
         if not arrays:
-            have = [(a.name, a.kind) for a in header.arrays] or "no samples"
+            have = ", ".join(f"{a.name!r} of kind {a.kind!r}" for a in header.arrays) or "no samples"
             wanted = f"array {self.array!r} of kind 'avs'" if self.array else "arrays of kind 'avs' (vector sensors)"
             raise SetupError(f"front end avs reads {wanted}; recording {header.name} has {have}")
         if len({a.rate_hz for a in arrays}) > 1:
@@ -123,21 +123,40 @@ class Avs:
 def _directions(direction: Direction, samples: Floats) -> Directions:
     """What the estimator says of frames (f, N, 4); PluginError where its shapes do not fit."""
     given = direction.directions(samples)
-    u, valid = np.asarray(given.u, float), np.asarray(given.valid, bool)
     who = f"direction estimator {type(direction).__name__}"
+    if not isinstance(given, Directions):
+        raise PluginError(f"{who} gave a {type(given).__name__}; sonobench.protocols.Directions(u, valid, R, score) is needed")
+    u, valid = np.asarray(given.u, float), np.asarray(given.valid, bool)
     if u.ndim != 3 or u.shape[0] != len(samples) or u.shape[2] != 3 or valid.shape != u.shape[:2]:
         raise PluginError(f"{who} gave u {u.shape} and valid {valid.shape} for {len(samples)} frames; (f, n, 3) and (f, n) are needed")
     R = None if given.R is None else np.asarray(given.R, float)
     score = None if given.score is None else np.asarray(given.score, float)
     if (R is not None and R.shape != (*u.shape[:2], 2, 2)) or (score is not None and score.shape != u.shape[:2]):
         raise PluginError(f"{who} gave R or score of another shape than (f, n, 2, 2) or (f, n) with f, n = {u.shape[:2]}")
+    length = np.linalg.norm(u[valid], axis=-1)
+    if not np.allclose(length, 1.0, rtol=0, atol=1e-6):
+        odd = length[~(np.abs(length - 1.0) <= 1e-6)][0]
+        raise PluginError(f"{who} gave a valid u of length {odd:g}; unit vectors are needed, or valid False where there is no direction")
+    if R is not None and not _covariances(R[valid]):
+        raise PluginError(f"{who} gave R that is no covariance; finite, symmetric R without negative eigenvalues is needed, or None")
     return Directions(u, valid, R, score)
+
+
+def _covariances(R: Array) -> bool:
+    if not np.isfinite(R).all():
+        return False
+    scale = np.abs(R).max(initial=0.0, axis=(-2, -1), keepdims=True)
+    alike = np.abs(R - np.swapaxes(R, -2, -1)) <= 1e-6 * scale
+    return bool(alike.all() and (np.linalg.eigvalsh(R) >= -1e-9 * scale[..., 0]).all())
 
 
 def _fields(spectrum: Spectrum, samples: Floats) -> Sequence[Field]:
     curves = spectrum.fields(samples)
     if len(curves) != len(samples):
         raise PluginError(f"spectrum {type(spectrum).__name__} gave {len(curves)} fields for {len(samples)} frames; one a frame is needed")
+    odd = [type(c).__name__ for c in curves if not isinstance(c, Field)]
+    if odd:
+        raise PluginError(f"spectrum {type(spectrum).__name__} gave a {odd[0]}; fields with `unit` and `at(z, sensor)` are needed")
     return curves
 
 

@@ -71,14 +71,14 @@ class BoundSpectrumLikelihood:
         """Sum over sensors (n,); None without a spectrum, or where no sensor was heard.
 
         Raises:
-            InputError: the scan has rows of these sensors and no spectrum of this name, or the field is none.
+            InputError: the scan has rows of these sensors, or other fields, and no spectrum of this name, or the field is none.
         """
         spectrum = scan.fields.get(self.field)
         if spectrum is None:
-            if any(np.isin(group.sensor, self.sensors).any() for group in scan.detections):
+            if scan.fields or any(np.isin(group.sensor, self.sensors).any() for group in scan.detections):
                 raise InputError(
                     f"likelihood direction-spectrum reads the field {self.field!r}; the scan at {scan.time_s} s has "
-                    f"{sorted(scan.fields) or 'none'}: give the front end avs a `spectrum`"
+                    f"{sorted(scan.fields) or 'none'}: give the front end avs a `spectrum`, whose field is 'spectrum'"
                 )
             return None
         if not isinstance(spectrum, DirectionSpectrum):

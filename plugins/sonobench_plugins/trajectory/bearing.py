@@ -44,7 +44,7 @@ class Bearing:
     elevation_deg: float  #: at the start, from the xy plane
     azimuth_deg_s: float = 0.0  #: at the start
     elevation_deg_s: float = 0.0  #: at the start
-    segments: tuple[Segment, ...] = ()  #: what changes later, in order of time
+    segments: tuple[Segment, ...] = ()  #: what changes later, in order of time: tables of from_s and turn_deg_s or accelerations
     origin_m: Array = field(default_factory=lambda: np.zeros(3))  #: (3,) m, the point that it is seen from
     until_s: float = 600.0  #: how long it goes on
 
@@ -56,6 +56,8 @@ class Bearing:
         angles = [self.azimuth_deg, self.elevation_deg, self.azimuth_deg_s, self.elevation_deg_s]
         if not all(map(math.isfinite, angles)):
             raise ValueError(f"azimuth, elevation and their rates are {angles}; finite numbers are needed")
+        if abs(self.elevation_deg) > 90:
+            raise ValueError(f"elevation_deg is {self.elevation_deg}; -90 to 90 at the start is needed")
         starts = [s.from_s for s in self.segments]
         if any(b <= a for a, b in itertools.pairwise(starts)):
             raise ValueError(f"segments begin at {starts} s; increasing times are needed")

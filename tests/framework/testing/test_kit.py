@@ -175,3 +175,30 @@ def test_findings_travel() -> None:
     finding = check(3, "delay", Registry())[0]
     assert pickle.loads(pickle.dumps(finding)) == finding
     assert set(dataclasses.asdict(finding)) == {"component", "check", "result", "sentence"}
+
+
+@dataclass(frozen=True)
+class _Unread:
+    """Binds to anything, and finds no field in what it is given."""
+
+    def log_ratio(self, x: Any, scan: Any) -> None:
+        return None
+
+
+@dataclass(frozen=True)
+class _Everywhere(_Unread):
+    sensors: tuple[int, ...] = (0,)
+
+
+@dataclass(frozen=True)
+class Bindable:
+    bound: Any
+
+    def bind(self, space: Any, setup: Any) -> Any:
+        return self.bound
+
+
+@pytest.mark.parametrize(("bound", "words"), [(_Unread(), "without `sensors`"), (_Everywhere(), "bind must refuse, by SetupError")])
+def test_a_likelihood_that_binds_to_anything_is_told_what_bind_must_do(bound: Any, words: str, registry: Registry) -> None:
+    failed = {f.check: f.sentence for f in check(Bindable(bound), "likelihood", registry) if f.result == "failed"}
+    assert words in failed["likelihood.runs"]

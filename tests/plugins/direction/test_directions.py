@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import sys
+import types
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +16,7 @@ from sonobench.filtering.bounds import direction_information
 from sonobench.filtering.sphere import apart
 from sonobench.geometry import angles, unit_vector
 from sonobench.signal import vector_sensor as vs
+from sonobench.testing import check
 from sonobench_plugins.direction.capon import Capon
 from sonobench_plugins.direction.intensity import Intensity, flowing
 from sonobench_plugins.direction.maximum_power import MaximumPower
@@ -196,3 +201,15 @@ def test_ten_thousand_frames_of_8000_real_snapshots_have_the_error_of_the_closed
     for _ in range(100):
         squares += 100 * _msae(MaximumPower(alpha=alpha).directions(snapshots(rng, 100, _N)).u[:, 0])
     assert squares / 10000 == pytest.approx(vs.msae(alpha, SOURCE, 1.5, 0.5, _N), rel=0.03)
+
+
+def test_the_estimator_of_the_plugin_page_holds_every_claim(monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "plugins.md").read_text("utf-8")
+    (source,) = re.findall(r"```python\n(.*?class VelocityAxis.*?)```", page.split("## Vector sensors")[1], re.DOTALL)
+    assert len([line for line in source.splitlines() if line.strip()]) <= 15
+    module = types.ModuleType("velocity_axis")
+    monkeypatch.setitem(sys.modules, "velocity_axis", module)
+    exec(source, vars(module))
+    findings = [f for f in check(module.VelocityAxis(), "direction") if f.check.startswith("direction.")]
+    assert findings
+    assert {f.sentence for f in findings if f.result != "ok"} == set()

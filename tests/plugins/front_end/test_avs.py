@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from vector_snapshots import Z, snapshots
 
-from sonobench import Block, DirectionSpectrum, Header, MicArray, PluginError, Scan, SetupError
+from sonobench import Block, DelayTable, DirectionSpectrum, Header, MicArray, PluginError, Scan, SetupError
 from sonobench.protocols import Directions
 from sonobench_plugins.direction.music import Music
 from sonobench_plugins.direction.wpf_mp import WpfMp
@@ -94,7 +94,7 @@ class _Heights:
         power = np.mean(samples**2, axis=(1, 2))
         unit = np.eye(4)[None]
         made = [DirectionSpectrum(unit, unit, np.array([h]), np.ones(1), np.ones(1, bool)) for h in power]
-        return [object()] * len(made) if self.flat else made
+        return [DelayTable(np.zeros((1, 3)), 0.0, 1.0)] * len(made) if self.flat else made
 
 
 def test_spectra_of_several_sensors_are_one_field_in_which_the_silent_say_nothing() -> None:
@@ -122,7 +122,7 @@ def test_preprocessing_keeps_the_direction_and_the_times() -> None:
 
 
 def test_recordings_that_it_cannot_read_are_refused_by_name() -> None:
-    with pytest.raises(SetupError, match=r"vector sensors.*take has \[\('ear0', 'microphones'\)\]"):
+    with pytest.raises(SetupError, match=r"vector sensors.*take has 'ear0' of kind 'microphones'"):
         Avs().open(_header(4, kind="microphones"))
     with pytest.raises(SetupError, match="array 'nose'"):
         Avs(array="nose").open(_header(1))
@@ -139,3 +139,46 @@ def test_an_estimator_of_wrong_shapes_is_named() -> None:
 
     with pytest.raises(PluginError, match="direction estimator Flat"):
         _run(Avs(direction=Flat()), _header(1), _second())
+
+
+_X = np.array([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda f: np.zeros((f, 1, 3)), "gave a ndarray.*Directions"),
+        (lambda f: Directions(np.tile(3 * _X, (f, 1, 1)), np.ones((f, 1), bool)), "length 3; unit vectors"),
+        (lambda f: Directions(np.full((f, 1, 3), np.nan), np.ones((f, 1), bool)), "length nan; unit vectors"),
+        (lambda f: Directions(np.tile(_X, (f, 1, 1)), np.ones((f, 1), bool), np.tile(-np.eye(2), (f, 1, 1, 1))), "no covariance"),
+        (lambda f: Directions(np.tile(_X, (f, 1, 1)), np.ones((f, 1), bool), np.full((f, 1, 2, 2), np.nan)), "no covariance"),
+    ],
+)
+def test_an_estimator_of_wrong_values_is_named(made: Any, words: str) -> None:
+    @dataclass(frozen=True)
+    class Wrong:
+        def directions(self, samples: Any) -> Any:
+            return made(len(samples))
+
+    with pytest.raises(PluginError, match=f"direction estimator Wrong.*{words}"):
+        _run(Avs(direction=Wrong()), _header(1), _second())
+
+
+def test_directions_marked_invalid_may_have_any_length_and_covariance() -> None:
+    @dataclass(frozen=True)
+    class Unsure:
+        def directions(self, samples: Any) -> Directions:
+            f = len(samples)
+            return Directions(np.zeros((f, 1, 3)), np.zeros((f, 1), bool), np.full((f, 1, 2, 2), np.nan))
+
+    assert all(len(s.rows(0)[0]) == 0 for s in _run(Avs(direction=Unsure()), _header(1), _second()))
+
+
+def test_a_spectrum_that_gives_no_fields_is_named() -> None:
+    @dataclass(frozen=True)
+    class Bare:
+        def fields(self, samples: Any) -> Any:
+            return [np.zeros(3) for _ in samples]
+
+    with pytest.raises(PluginError, match=r"spectrum Bare gave a ndarray.*at\(z, sensor\)"):
+        _run(Avs(spectrum=Bare()), _header(1), _second())

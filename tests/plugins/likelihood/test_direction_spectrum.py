@@ -78,6 +78,9 @@ def test_without_a_spectrum_there_is_no_evidence_or_a_word_about_it():
     rows = (Detections(np.zeros((1, 2)), np.zeros(1, np.int64)),)
     with pytest.raises(InputError, match="front end avs"):
         bound.log_ratio(np.zeros((1, 3)), Scan(0.0, np.ones(1, bool), rows))
+    named = Scan(0.0, np.ones(1, bool), fields={"spectrum": DelayTable(np.zeros((1, 3)), 0.0, 1.0)})
+    with pytest.raises(InputError, match=r"'spectra'.*\['spectrum'\]"):
+        SpectrumLikelihood(field="spectra").bind(_SPACE, _setup()).log_ratio(np.zeros((1, 3)), named)
     with pytest.raises(InputError, match="DelayTable"):
         bound.log_ratio(np.zeros((1, 3)), _scan(DelayTable(np.zeros((1, 3)), 0.0, 1.0)))
 
