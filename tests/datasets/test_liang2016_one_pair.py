@@ -91,6 +91,7 @@ def test_tuning_and_measuring_share_no_seed_place_or_voice() -> None:
         assert min(np.linalg.norm(a - b) for a, b in itertools.product(places(name), places(TUNING))) > 0.05
 
 
+@pytest.mark.study
 def test_one_pair_follows_a_walking_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SONOBENCH_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "short.toml"

@@ -17,6 +17,7 @@ from sonobench.geometry import angles, unit_vector
 from sonobench.types import Array, Field, Ints
 
 _POINTS = 4000
+_SAME = 1e-3  # rad: tops that lie closer are one
 _STEP = 0.008  # rad, of differences
 _ROUNDS = 4
 _FURTHEST = 0.04  # rad, of one Newton step: a grid cell
@@ -48,7 +49,9 @@ def field_peaks(field: Field, sensor: int, threshold: float, most: int) -> Field
         z = moved(z, step * np.minimum(1.0, _FURTHEST / np.maximum(size, 1e-300)))
     _, H, height = _log_shape(field, of, z)
     keep = np.argsort(-height, kind="stable")
-    keep = keep[height[keep] >= threshold * height.max()][:most]
+    keep = keep[height[keep] >= threshold * height.max()]
+    near = np.sum((unit_vector(z[keep])[:, None] - unit_vector(z[keep])) ** 2, axis=-1) < _SAME**2
+    keep = keep[~np.triu(near, 1).any(axis=0)][:most]  # several starts may climb one ridge
     return FieldPeaks(z[keep], height[keep], symmetric(np.linalg.inv(-_concave(H[keep]))))
 
 

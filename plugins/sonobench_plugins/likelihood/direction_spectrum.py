@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sonobench.errors import InputError
+from sonobench.errors import InputError, SetupError
 from sonobench.types import Array, DirectionSpectrum, Floats, Ints, Scan, Setup, Space
 
 
@@ -45,6 +45,12 @@ class SpectrumLikelihood:
         """
         who = "likelihood direction-spectrum"
         sensors = tuple(setup.of_kind("direction", who, self.sensor))
+        turned = [setup.sensors[q].name for q in sensors if not np.allclose(setup.pose(setup.sensors[q])[:3, :3], np.eye(3))]
+        if turned:
+            raise SetupError(
+                f"{who} takes states for directions in the array's frame; sensors {turned} are turned against the room: use detections with "
+                "the measurement 'direction', which turns them"
+            )
         p_d = setup.value("p_d", self.p_d, who)
         clutter = setup.value("clutter_per_scan", self.clutter_per_scan, who)
         columns = tuple(space.index("azimuth_rad", "elevation_rad"))

@@ -58,7 +58,10 @@ class MultiFeature:
             or self.power not in ("fused", "srp", "sbf", "none")
             or self.mu_at not in ("cloud", "point")
         ):
-            raise ValueError(f"delays {self.delays!r}, power {self.power!r}, mu_at {self.mu_at!r}: see the parameters' alternatives")
+            raise ValueError(
+                f"delays is {self.delays!r}, power {self.power!r}, mu_at {self.mu_at!r}; 'selected', 'all' or 'none', 'fused', 'srp', 'sbf' or "
+                "'none', and 'cloud' or 'point' are needed"
+            )
         if self.delays == "none" and self.power == "none":
             raise ValueError("delays and power are both 'none'; one feature at least is needed")
         if not (0 <= self.floor < 1 and self.least_power > 0 and self.spread_m > 0 and self.sharpness >= 0):

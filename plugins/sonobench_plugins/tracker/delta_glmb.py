@@ -107,7 +107,7 @@ class DeltaGlmb:
         old = union(state.tracks._replace(w=np.full(len(state.tracks.w), p_s)), state.born._replace(w=np.minimum(state.born.w, 1.0) * p_s))
         old = old if len(old.w) == 0 else self._moved(old, dt_s)
         memory, new = state.memory, empty(len(self.space))
-        live = _summary(state.hypotheses, old, len(state.tracks.w))
+        live = _summary(self.space, state.hypotheses, old, len(state.tracks.w))
         if heard and not self.birth.uses_scan:
             memory, new = self.birth.propose(rng, memory, scan, live)
         tracks = union(old, new._replace(w=np.minimum(new.w, 1.0), mode=np.zeros_like(new.mode)))
@@ -118,7 +118,7 @@ class DeltaGlmb:
         estimate = self._extract(hypotheses, tracks, labels, scan.time_s)
         born = empty(len(self.space))
         if heard and self.birth.uses_scan:  # the scan that proposes them must not confirm them too
-            memory, born = self.birth.propose(rng, memory, scan, _summary(hypotheses, tracks, len(tracks.w)))
+            memory, born = self.birth.propose(rng, memory, scan, _summary(self.space, hypotheses, tracks, len(tracks.w)))
         following = state.next_label + len(state.born.w) + len(new.w)
         after = GlmbState(scan.time_s, hypotheses, tracks, labels, born, following, memory, state.measurement, state.setup)
         return after, estimate
@@ -201,7 +201,7 @@ def _living(hypotheses: Hypotheses, labels: Ints) -> tuple[Hypotheses, Ints]:
     return Hypotheses(hypotheses.log_w, np.ascontiguousarray(hypotheses.of[:, alive])), labels[alive]
 
 
-def _summary(hypotheses: Hypotheses, tracks: Mixture, n: int) -> Mixture:
+def _summary(space: Space, hypotheses: Hypotheses, tracks: Mixture, n: int) -> Mixture:
     """A component a label, of its existence, mean and covariance over the first n tracks: what a birth may look at."""
     w = shares(hypotheses, n)
     there = hypotheses.of.T >= 0
@@ -211,7 +211,10 @@ def _summary(hypotheses: Hypotheses, tracks: Mixture, n: int) -> Mixture:
     own = (label == np.arange(len(there))[:, None]) * w
     r = own.sum(axis=1)
     own = own / np.maximum(r, np.finfo(float).tiny)[:, None]
-    m = own @ tracks.m[:n]
-    off = tracks.m[:n] - m[:, None]
+    lead = (
+        tracks.m[:n][own.argmax(axis=1)] if own.size else np.zeros((len(own), tracks.m.shape[1]))
+    )  # what is periodic averages by its differences from one of them
+    m = lead + np.einsum("ln,lnd->ld", own, space.residual(tracks.m[:n], lead[:, None]))
+    off = space.residual(tracks.m[:n], m[:, None])
     P = np.einsum("ln,nab->lab", own, tracks.P[:n]) + np.einsum("ln,lna,lnb->lab", own, off, off)
     return Mixture(np.minimum(r, 1.0), m, symmetric(P), np.zeros(len(r), np.int64))

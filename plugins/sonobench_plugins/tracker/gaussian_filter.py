@@ -159,8 +159,9 @@ class GaussianFilter:
         d = len(self.space)
         if m is None or P is None:
             return Estimate(time_s, np.zeros((0, d)), np.zeros((0, d, d)), np.zeros(0, np.int64), np.zeros(0), 0.0)
-        mean = weight @ m
-        off = m - mean
+        lead = m[int(np.argmax(weight))]  # what is periodic averages by its differences from one of them
+        mean = lead + weight @ self.space.residual(m, lead)
+        off = self.space.residual(m, mean)
         cov = np.einsum("j,jab->ab", weight, P + off[:, :, None] * off[:, None, :])
         info = {f"weight_{j}": float(w) for j, w in enumerate(weight)} if len(weight) > 1 else {}
         return Estimate(time_s, mean[None], symmetric(cov)[None], np.zeros(1, np.int64), np.ones(1), 1.0, info)

@@ -89,6 +89,11 @@ class ParticleFilter:
         """
         model = self.likelihood.bind(self.space, setup)
         position_columns(self.space, "particle-filter")
+        if self.proposal == "unscented" and self.motion.n_modes != 1:
+            raise SetupError(
+                f"particle-filter with proposal = 'unscented' draws in one motion mode; {type(self.motion).__name__} has {self.motion.n_modes}: "
+                "use proposal = 'prior'"
+            )
         memory = self.birth.start(self.space, setup, None)  # type: ignore[arg-type]  # a start that is known is not measured
         known = initial(self.birth, memory, len(self.space))
         if not len(known.w):

@@ -37,7 +37,7 @@ def run(tmp_path_factory):
     study = Study.load(write_study(folder, text))
     with pytest.MonkeyPatch.context() as patch:  # everything below inherits the cache's path, which nobody else has
         patch.setenv("SONOBENCH_CACHE", str(folder / "cache"))
-        finished = study.run(out=folder / "run", jobs=2, timeout_s=1.5, memory_mb=250)
+        finished = study.run(out=folder / "run", jobs=2, timeout_s=1.5, memory_mb=400)
     left = [p for p in psutil.process_iter(["environ"]) if (p.info["environ"] or {}).get("SONOBENCH_CACHE") == str(folder / "cache")]
     return finished, left
 

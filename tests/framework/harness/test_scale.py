@@ -59,6 +59,7 @@ def measured(folder: Path, monkeypatch, trials: int) -> dict[str, tuple[float, f
     return found
 
 
+@pytest.mark.study
 def test_ten_times_the_trials_take_about_ten_times_as_long_and_little_more_memory(tmp_path, monkeypatch):
     few, many = (measured(tmp_path / str(n), monkeypatch, n) for n in (1_000, 10_000))
     for step in ("resume", "compaction", "board"):

@@ -38,3 +38,26 @@ def test_low_peaks_and_too_many_are_left_out():
 def test_a_field_of_nothing_has_no_peaks():
     found = field_peaks(Humps(np.zeros((0, 2)), np.zeros(0), np.zeros(0)), 0, 0.1, 8)
     assert [a.shape for a in found] == [(0, 2), (0,), (0, 2, 2)]
+
+
+def test_a_ridge_is_one_peak_however_many_starts_climb_it():
+    from sonobench.geometry import unit_vector
+    from sonobench.signal.sphere_peaks import field_peaks
+
+    class Ridge:
+        unit = "1"
+
+        def __init__(self, centre):
+            self.centre = centre
+
+        def at(self, z, sensor):
+            z = np.asarray(z)
+            off = np.stack([np.angle(np.exp(1j * (z[..., 0] - self.centre[0]))) * np.cos(self.centre[1]), z[..., 1] - self.centre[1]], -1)
+            return np.exp(-0.5 * ((off[..., 0] / 0.2) ** 2 + (off[..., 1] / 0.012) ** 2))
+
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        centre = np.array([rng.uniform(-3, 3), rng.uniform(-0.5, 0.5)])
+        found = field_peaks(Ridge(centre), 0, 0.3, 8)
+        near = np.linalg.norm(unit_vector(found.z)[:, None] - unit_vector(found.z), axis=-1)
+        assert (near[~np.eye(len(near), dtype=bool)] > 1e-3).all()

@@ -140,5 +140,5 @@ def test_stacks_and_meaningless_parameters_are_refused() -> None:
     with pytest.raises(SetupError, match="tdoa"):
         MultiFeature(candidates="stack").bind(SPACE, SETUP)
     for faulty in ({"delays": "none", "power": "none"}, {"floor": 1.0}, {"mu": 2.0}, {"mu_at": "room"}):
-        with pytest.raises(ValueError, match=r"need|alternatives"):
+        with pytest.raises(ValueError, match="need"):
             MultiFeature(**faulty)  # type: ignore[arg-type]

@@ -196,3 +196,16 @@ def test_tables_2_and_3(powers: tuple[float, float, float], ratio: float) -> Non
     assert np.allclose(tracked, [tracked_azimuth, tracked_elevation], rtol=0.08)
     assert tracked.sum() / still.sum() == pytest.approx(ratio, abs=0.04)
     assert np.hypot(tracked[0] * np.cos(0.5), tracked[1]) < scene.static_std(*powers) * np.sqrt(2)  # the static bound of the whole angle
+
+
+def test_filters_either_side_of_a_half_turn_average_on_the_circle():
+    from sonobench_plugins.motion.bearing_velocity import BearingVelocity
+    from sonobench_plugins.tracker.gaussian_filter import GaussianFilter
+
+    tracker = GaussianFilter(motion=BearingVelocity(), process_scales=(1.0, 0.1))
+    d = len(tracker.space)
+    m, at = np.zeros((2, d)), tracker.space.index("azimuth_rad")[0]
+    m[:, at] = np.pi - 0.01, 0.01 - np.pi
+    estimate = tracker._estimate(1.0, np.array([0.5, 0.5]), m, np.tile(1e-4 * np.eye(d), (2, 1, 1)))
+    assert np.cos(estimate.states[0, at]) < -0.9999
+    assert estimate.covs[0, at, at] < 1e-3

@@ -200,3 +200,11 @@ REFUSED: list[tuple[Callable[[], ParticleFilter], str]] = [
 def test_what_does_not_fit_is_refused(make: Callable[[], ParticleFilter], words: str) -> None:
     with pytest.raises(SetupError, match=words):
         make().init(np.random.default_rng(1), SETUP)
+
+
+def test_an_unscented_proposal_in_several_motion_modes_is_refused() -> None:
+    from sonobench_plugins.motion.imm import Imm
+
+    models = (ConstantVelocity(velocity_walk_m_s=0.1), ConstantVelocity(velocity_walk_m_s=2.0))
+    with pytest.raises(SetupError, match="one motion mode"):
+        ParticleFilter(Imm(models), Seen(), proposal="unscented").init(np.random.default_rng(1), SETUP)
