@@ -51,6 +51,15 @@ def advance(chain: Chain, state: ChainState, block: Block) -> tuple[ChainState, 
     return _handed(state, tuple(memories), state.taken + len(block.samples), samples)
 
 
+def through(chain: Chain, states: tuple[ChainState, ...], block: Block) -> tuple[tuple[ChainState, ...], Block | None]:
+    """`advance` of the array that the block is of, among the states of several; a block of an array without one is ready as it is."""
+    for a, state in enumerate(states):
+        if state.array == block.array:
+            after, ready = advance(chain, state, block)
+            return (*states[:a], after, *states[a + 1 :]), ready
+    return states, block
+
+
 def finish(chain: Chain, state: ChainState) -> Block | None:
     """The samples that were still due when the array ended, None for none.
 

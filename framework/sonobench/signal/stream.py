@@ -13,7 +13,7 @@ from sonobench.errors import PluginError, SetupError
 from sonobench.protocols import Activity, Delay, Preprocessor, State
 from sonobench.signal.correlation import TablePlan, plan_tables
 from sonobench.signal.framing import Frames, Framing, Tail, WindowName, drain, empty_tail, framing, mean_square, push
-from sonobench.signal.preprocessing import ChainState, advance, begin, finish, passed_hz
+from sonobench.signal.preprocessing import ChainState, begin, finish, passed_hz, through
 from sonobench.signal.rig import Rig
 from sonobench.types import Array, Block, Bools, Header
 
@@ -78,12 +78,9 @@ class TableStream:
 
     def step(self, state: StreamState, block: Block) -> tuple[StreamState, list[TableFrame]]:
         """Take a block; the frames of each group that it completes."""
-        for a, chain in enumerate(state.chains):
-            if chain.array == block.array:
-                after, ready = advance(self.preprocess, chain, block)
-                state = replace(state, chains=(*state.chains[:a], after, *state.chains[a + 1 :]))
-                return (state, []) if ready is None else self._framed(state, ready)
-        return self._framed(state, block)
+        chains, ready = through(self.preprocess, state.chains, block)
+        state = replace(state, chains=chains)
+        return (state, []) if ready is None else self._framed(state, ready)
 
     def flush(self, state: StreamState) -> list[TableFrame]:
         """What the preprocessors still held, and the whole frames that still waited for their group."""

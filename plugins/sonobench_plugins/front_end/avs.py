@@ -17,7 +17,7 @@ from sonobench import Block, Detections, DirectionSpectrum, Header, MicArray, Pl
 from sonobench.geometry import angles
 from sonobench.protocols import Activity, Direction, Directions, Preprocessor, Spectrum, State
 from sonobench.signal import Frames, Framing, Tail, drain, empty_tail, framing, push
-from sonobench.signal.preprocessing import ChainState, advance, begin, finish
+from sonobench.signal.preprocessing import ChainState, begin, finish, through
 from sonobench.types import Array, Field, Floats
 from sonobench_plugins.activity.always import Always
 from sonobench_plugins.direction.intensity import Intensity
@@ -60,12 +60,9 @@ class Avs:
 
     def step(self, state: State, block: Block) -> tuple[State, list[Scan]]:
         """Take samples, return the scans of the frames that they complete."""
-        for a, chain in enumerate(state.chains):
-            if chain.array == block.array:
-                after, ready = advance(self.preprocess, chain, block)
-                state = replace(state, chains=(*state.chains[:a], after, *state.chains[a + 1 :]))
-                return (state, []) if ready is None else self._framed(state, ready)
-        return self._framed(state, block)
+        chains, ready = through(self.preprocess, state.chains, block)
+        state = replace(state, chains=chains)
+        return (state, []) if ready is None else self._framed(state, ready)
 
     def flush(self, state: State) -> list[Scan]:
         """The scans of the last whole frames."""

@@ -86,7 +86,13 @@ class MultiFeature:
             raise SetupError(f"{who} reads one delay a sensor; {sorted(set(several))} measure several: set `candidates` and `steered`")
         axes = [n for n in ("x_m", "y_m", "z_m") if n in space.names]
         height_m = setup.nominal.get("height_m", 0.0) if self.height_m is None else self.height_m
-        return BoundMultiFeature(self, delays, steering(setup, summed), tuple(space.index(*axes)), height_m, setup)
+        apertures_m = {q: _aperture_m(setup, q) for q in delays.sensors}
+        return BoundMultiFeature(self, delays, steering(setup, summed), tuple(space.index(*axes)), height_m, setup, apertures_m)
+
+
+def _aperture_m(setup: Setup, q: int) -> float:
+    unit = setup.sensors[q]
+    return float(np.linalg.norm(np.subtract(*unit.elements[unit.pairs[0]])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +105,7 @@ class BoundMultiFeature:
     columns: tuple[int, ...]
     height_m: float
     setup: Setup
+    apertures_m: dict[int, float]
 
     @property
     def sensors(self) -> tuple[int, ...]:
@@ -150,8 +157,7 @@ class BoundMultiFeature:
         """Sum over pairs of log l(x) over its mean (n,)."""
         total, floor = np.zeros(len(x)), self.own.floor
         for q, z in rows.items():
-            aperture_s = np.linalg.norm(np.subtract(*self.setup.sensors[q].elements[self.setup.sensors[q].pairs[0]])) / self.setup.c_m_s
-            mean = len(z) * np.sqrt(2 * np.pi) * self.own.spread_m / self.setup.c_m_s / max(2 * aperture_s, _TINY)
+            mean = len(z) * np.sqrt(2 * np.pi) * self.own.spread_m / max(2 * self.apertures_m[q], _TINY)
             with np.errstate(divide="ignore"):
                 total += np.log(floor + (1 - floor) * self._shown(x, q, z, scan).sum(axis=1)) - np.log(floor + (1 - floor) * min(mean, 1.0))
         return total

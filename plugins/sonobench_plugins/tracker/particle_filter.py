@@ -168,13 +168,15 @@ class ParticleFilter:
 
     def _conditioned(self, m: Array, P: Array, focus: Focused, state: ParticleState, scan: Scan) -> tuple[Array, Array]:
         """Every particle's Gaussian (N, d), (N, d, d) given the trusted rows, stacked (eq. 32 to 44)."""
+        from scipy.linalg import block_diag
+
         model = focus.measurement
         if model is None:
             return m, P
         stack = _Stack(model, tuple((q, pose_of(state.setup, scan, q)) for q, _, _ in focus.rows))
         z_hat, spread, cross = self.transform.measure(m, P, stack, 0)  # type: ignore[arg-type]  # all that a transform asks of one
         v = stack.residual(np.concatenate([z for _, z, _ in focus.rows]), z_hat, 0)
-        R = _block_diagonal([R for _, _, R in focus.rows])
+        R = block_diag(*(R for _, _, R in focus.rows))
         mu = np.minimum(np.sqrt(np.trace(spread + R, axis1=-2, axis2=-1) / np.maximum(np.sum(v * v, axis=-1), 1e-300)), 1.0)
         scale = {"raise": 1.0 / mu, "printed": mu, "none": np.ones_like(mu)}[self.robust][:, None, None]
         S, cross, P = scale * spread + R, scale * cross, scale * P
@@ -215,12 +217,3 @@ class _Stack:
             out.append(self.model.residual(z[..., own], z_hat[..., own], s))
             at = own.stop
         return np.concatenate(out, axis=-1)
-
-
-def _block_diagonal(blocks: list[Array]) -> Array:
-    size = sum(len(b) for b in blocks)
-    out, at = np.zeros((size, size)), 0
-    for b in blocks:
-        out[at : at + len(b), at : at + len(b)] = b
-        at += len(b)
-    return out
