@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import pytest
 
@@ -48,16 +49,47 @@ def test_paths_are_those_of_the_paper(scene: str, corners: list[tuple[float, flo
         assert truth.position[k, 0, :2] == pytest.approx((x, y), abs=0.05)
 
 
+def voices(study: Study) -> set[str]:
+    swept = [v for key, values in study.sweep.items() if key[-1] == "clip" for v in values]
+    return set(swept) or {Scene.load(s, REGISTRY).table["sources"]["talker"]["sound"]["clip"] for s in study.scenes}
+
+
 def test_nothing_was_tuned_on_what_is_measured() -> None:
     tuned = study_of("mfaupf2022-tuning")
     for name in set(STUDIES) - {"mfaupf2022-tuning"}:
-        assert not set(tuned.scenes) & set(study_of(name).scenes)
+        study = study_of(name)
+        assert not set(tuned.scenes) & set(study.scenes)
+        assert not voices(tuned) & voices(study), name
+        assert study.seed not in (0, tuned.seed)
 
 
 def test_entries_of_the_paths_differ_by_one_part_from_mfacv() -> None:
     base = entry("mfacv")
     assert isinstance(base.tracker, ParticleFilter)
-    for name in ("mfal", "mfarw", "mfaupf", "mfacv-no-floor", "mfacv-floor-1"):
+    for name in ("mfal", "mfarw"):
+        assert dataclasses.replace(entry(name).tracker, motion=base.tracker.motion) == base.tracker  # type: ignore[type-var]
+    for name in ("mfal", "mfarw", "mfaupf", "mfacv-no-floor", "mfacv-floor-1", "mfacv-one-candidate"):
         assert entry(name).front_end == base.front_end
     assert entry("mfaupf").tracker == dataclasses.replace(base.tracker, proposal="unscented")
-    assert entry("mfacv-selected").tracker == base.tracker
+    for name, part in (
+        ("mfacv-no-floor", {"floor": 0.0}),
+        ("mfacv-floor-1", {"floor": 0.1}),
+        ("mfacv-one-candidate", {"delays": "selected"}),
+    ):
+        likelihood = dataclasses.replace(base.tracker.likelihood, **part)  # type: ignore[type-var]
+        assert entry(name).tracker == dataclasses.replace(base.tracker, likelihood=likelihood)
+    assert entry("mfacv-frequencies").tracker == base.tracker
+
+
+def test_entries_of_the_random_walks_differ_by_one_part_from_the_best() -> None:
+    study = study_of("mfaupf2022-random")
+    best = study.pipelines["best"]
+    for name in set(study.pipelines) - {"best", "mfacv", "mfaupf", "tbd"}:
+        assert len(differing(best, study.pipelines[name])) == 1, name
+
+
+def differing(one: object, other: object, path: tuple[str, ...] = ()) -> set[tuple[str, ...]]:
+    """Paths of components and values in which two tables differ; a component of another kind is one."""
+    if not (isinstance(one, Mapping) and isinstance(other, Mapping)) or one.get("use") != other.get("use"):
+        return set() if one == other else {path}
+    return {p for key in {*one, *other} for p in differing(one.get(key), other.get(key), (*path, key))}

@@ -19,6 +19,7 @@ from sonobench.board.bootstrap import bootstrap, combined
 from sonobench.board.facts import facts
 from sonobench.board.measured import Measured, measured
 from sonobench.board.pooling import means, units
+from sonobench.errors import InputError
 from sonobench.types import Floats
 
 _COLUMNS = ("rank", "pipeline", "origin", "mean", "low", "high", "interval", "rank_low", "rank_high", "tie")
@@ -27,6 +28,7 @@ _COUNTS = ("failures", "trials")
 _BLANK = {"rank": None, "rank_low": None, "rank_high": None, "interval": "", "tie": "", "mean": math.nan}
 _FACTS = ("failures", "trials", "coverage", "ms_per_frame", "given")
 _AGAINST = ("diff", "diff_low", "diff_high", "diff_p")
+_MEDIAN = "median:"
 Found = dict[str, dict[str, Any]]
 
 
@@ -41,7 +43,7 @@ def leaderboard(
         metric: which one, such as "ospa" or "gospa.missed".
         by: a column of `trials` ("p_scene.noise.snr_db", or any unique ending of it; "scene"): one board for each value.
         vs: a pipeline: adds each one's paired difference to it, its interval, and its p after Holm over the others.
-        also: further metrics, whose means stand in columns of their names.
+        also: further metrics, whose means stand in columns of their names; with "median:" before one, its median over trials.
 
     Returns:
         Columns: the one of `by`, rank (missing where unranked), pipeline, origin, mean, low, high (95 %), interval (its
@@ -51,9 +53,10 @@ def leaderboard(
         settings (values swept in scenes, by column) and notes; with `by` one such table for each value under "groups".
 
     Raises:
-        InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is; or a trial stands there twice.
+        InputError: the metric, the pipeline `vs` or the column `by` is not there, and what is; a trial stands there twice; or a
+            median is asked for of a metric with several values a trial.
     """
-    chosen = {name: select.of_metric(scores, name) for name in (metric, *also)}
+    chosen = {metric: select.of_metric(scores, metric)} | {name: select.of_metric(scores, name.removeprefix(_MEDIAN)) for name in also}
     if vs is not None:
         select.known_pipeline(trials, vs)
     return grouped(trials, by, lambda part: _board(part, chosen, vs))
@@ -79,7 +82,7 @@ def _board(trials: pd.DataFrame, chosen: Mapping[str, pd.DataFrame], vs: str | N
     metric = next(iter(chosen))
     found = measured(trials, metric, chosen[metric])
     told = _ranked(found, vs) | _unranked(found)
-    others = {name: _means(measured(trials, name, scores)) for name, scores in chosen.items() if name != metric}
+    others = {name: _beside(measured(trials, name, scores)) for name, scores in chosen.items() if name != metric}
     records = [
         {
             **_BLANK,
@@ -176,6 +179,14 @@ def _unranked(found: Measured) -> Found:
     return told
 
 
-def _means(found: Measured) -> dict[str, float]:
-    """Mean over units of whatever each pipeline has."""
-    return means(units(found.planned, found.pool), found.planned.trials.pipelines)
+def _beside(found: Measured) -> dict[str, float]:
+    """Mean over units, or median over trials, of whatever each pipeline has."""
+    names = found.planned.trials.pipelines
+    if not found.metric.startswith(_MEDIAN):
+        return means(units(found.planned, found.pool), names)
+    rows = found.planned.only(np.isfinite(found.planned.value) & (found.planned.weight > 0))
+    if len(np.unique(rows.trial)) < len(rows.trial):
+        raise InputError(
+            f"{found.metric.removeprefix(_MEDIAN)} has a value at every time; a median over trials needs a metric with one a trial"
+        )
+    return {names[code]: float(np.median(rows.value[rows.pipeline == code])) for code in np.unique(rows.pipeline)}

@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--metric", "metrics", multiple=True, help="Which board; repeatable; default: the study's first metric.")
-@click.option("--with", "also", multiple=True, metavar="METRIC", help="Add a column with the mean of another metric; repeatable.")
+@click.option(
+    "--with",
+    "also",
+    multiple=True,
+    metavar="METRIC",
+    help="Add a column with the mean of another metric; with median:METRIC, the median over trials; repeatable.",
+)
 @click.option("--by", help="One board a value of this column, such as a swept parameter (any unique suffix).")
 @click.option("--vs", help="Show differences against this pipeline.")
 @click.option(

@@ -40,13 +40,13 @@ _TINY = 1e-300
 class MultiFeature:
     """Candidate delays and steered powers; reads single-pair "tdoa" sensors."""
 
-    delays: Literal["selected", "all", "none"] = "selected"  #: one candidate a pair once particles are known, every one, or no delays
+    delays: Literal["selected", "all", "none"] = "all"  #: every candidate, one a pair once particles are known, or no delays
     power: Literal["fused", "srp", "sbf", "none"] = "srp"  #: steered power; "fused" and "sbf" need a front end with an "energy" field
     candidates: str = "pair"  #: what the names of the sensors begin with whose rows are candidates
     steered: str = ""  #: what those begin with whose tables are summed; "" is all
     spread_m: float = 0.0316  #: deviation of a delay from the talker's, times the speed of sound
     floor: float = 0.1  #: share of frames in which a pair's candidates are all false
-    least_power: float = 0.1  #: power counts as at least this share of the mean over the tables
+    least_power: float = 1.0  #: power counts as at least this share of the mean over the tables
     sharpness: float = 1.0  #: exponent of the power
     mu: float | None = None  #: share of SBF in "fused"; None: from how far each agrees with the delays
     mu_at: Literal["cloud", "point"] = "cloud"  #: where that is asked; "point", the cloud's mean, is the printed form
@@ -124,22 +124,19 @@ class BoundMultiFeature:
         return self._delays(x, scan, self._rows(scan)) + self._log_power(x, scan, 0.5 if self.own.mu is None else self.own.mu)
 
     def focused(self, x: Floats, w: Floats, scan: Scan) -> Focused | None:
-        """The same with one candidate a pair and with µ found; its rows are the candidates that are likelier the talker's than false."""
+        """The same with µ found and, if `delays` is "selected", one candidate a pair; rows: those that are likelier the talker's than false."""
         if not scan.searched[list(self.sensors)].any():
             return None
-        rows = self._rows(scan)
-        if self.own.delays != "selected":
-            mu = self._mu(x, w, scan, rows)
-            return Focused(lambda at: self._delays(at, scan, rows) + self._log_power(at, scan, mu))
-        chosen, trusted = {}, []
+        rows, chosen, trusted = self._rows(scan), {}, []
         for q, z in rows.items():
             shown = np.asarray(w) @ self._shown(x, q, z, scan)  # (m,)
             best = int(np.argmax(shown))
             chosen[q] = z[best : best + 1]
-            if shown[best] > self.own.floor:
+            if (1 - self.own.floor) * shown[best] > self.own.floor * self._chance(q, len(z)):
                 trusted.append((q, z[best], self.delays.R(q)))
-        mu = self._mu(x, w, scan, chosen)
-        return Focused(lambda at: self._delays(at, scan, chosen) + self._log_power(at, scan, mu), self.delays, tuple(trusted))
+        weighed = chosen if self.own.delays == "selected" else rows
+        mu = self._mu(x, w, scan, weighed)
+        return Focused(lambda at: self._delays(at, scan, weighed) + self._log_power(at, scan, mu), self.delays, tuple(trusted))
 
     def _rows(self, scan: Scan) -> dict[int, Array]:
         """Candidates (m, 1) by sensor; sensors without any are left out, they say nothing."""
@@ -157,10 +154,15 @@ class BoundMultiFeature:
         """Sum over pairs of log l(x) over its mean (n,)."""
         total, floor = np.zeros(len(x)), self.own.floor
         for q, z in rows.items():
-            mean = len(z) * np.sqrt(2 * np.pi) * self.own.spread_m / max(2 * self.apertures_m[q], _TINY)
             with np.errstate(divide="ignore"):
-                total += np.log(floor + (1 - floor) * self._shown(x, q, z, scan).sum(axis=1)) - np.log(floor + (1 - floor) * min(mean, 1.0))
+                total += np.log(floor + (1 - floor) * self._shown(x, q, z, scan).sum(axis=1)) - np.log(
+                    floor + (1 - floor) * self._chance(q, len(z))
+                )
         return total
+
+    def _chance(self, q: int, m: int) -> float:
+        """Mean of Σ_n exp(−(z_n − h)² / 2 s²) over delays h anywhere within a pair's aperture, of m candidates."""
+        return min(float(m * np.sqrt(2 * np.pi) * self.own.spread_m / max(2 * self.apertures_m[q], _TINY)), 1.0)
 
     def _log_power(self, x: Floats, scan: Scan, mu: float) -> Array:
         power = self.own.power

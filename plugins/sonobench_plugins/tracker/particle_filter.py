@@ -5,13 +5,15 @@ that the likelihood trusts (`focused`) update the Gaussian that a particle is pr
 result and weighed by likelihood × p(x | previous) / q(x). That Gaussian is the motion's noise about a particle that is where it is, which
 makes q the best proposal there is where the measurement is linear; `covariance = "carried"` hands each particle's posterior covariance on,
 as van der Merwe et al. and the paper do, though it counts what the spread of the particles says already: where it is much wider than the
-motion's noise nearly all weights vanish.
+motion's noise nearly all weights vanish. A share `prior_share` of the particles is drawn from the motion all the same, q being the mixture
+of both, so that no weight exceeds likelihood / share where the rows were false (a defensive mixture).
 
 The update is robust: with v the innovation, S its covariance and µ = min(1, √(tr S / vᵀv)), a residual that is larger than expected raises
 the predicted covariance by 1 / µ, so that the gain grows and the target is caught up with (`robust = "raise"`). `"printed"` multiplies it by
 µ instead, as eq. 36 to 38 have it, which lowers the gain although the text wants it raised; `"none"` is the plain filter.
 Source: Gordon, Salmond & Smith 1993 (bootstrap); van der Merwe et al. 2000, "The unscented particle filter"; Yang, He & Xu 2001 (adaptive
-factors); "Multi-feature adaptive unscented particle filter" (in Chinese; Chinese Journal of Scientific Instrument 43, 2022), eq. 15 to 20 and 32 to 44.
+factors); Hesterberg 1995, "Weighted average importance sampling and defensive mixture distributions"; "Multi-feature adaptive unscented
+particle filter" (in Chinese; Chinese Journal of Scientific Instrument 43, 2022), eq. 15 to 20 and 32 to 44.
 Deviations: R in eq. 40 and S in eq. 36 where they are missing; the posterior covariance is that of the gain in use. Particles beyond the
 room are set back to its walls, and have no weight unless all are. Weights that all vanish are forgotten (info `lost`).
 """
@@ -61,6 +63,7 @@ class ParticleFilter:
     proposal: Literal["prior", "unscented"] = "prior"  #: where particles are drawn from
     robust: Literal["raise", "printed", "none"] = "raise"  #: what a large residual does to the gain, when unscented
     covariance: Literal["motion", "carried"] = "motion"  #: of a particle's prediction, when unscented
+    prior_share: float = 0.1  #: share of particles that are drawn from the motion all the same, when unscented
     transform: Transform = field(default_factory=Unscented)  #: sigma points, when unscented
     resampling: Resampling = "residual"  #: systematic, stratified or residual
 
@@ -71,6 +74,8 @@ class ParticleFilter:
             )
         if self.covariance not in ("motion", "carried"):
             raise ValueError(f"covariance is {self.covariance!r}; 'motion' or 'carried' is needed")
+        if not 0 <= self.prior_share < 1:
+            raise ValueError(f"prior_share is {self.prior_share}; 0 up to 1 is needed")
         if self.particles < 1 or self.resampling not in RESAMPLERS:
             raise ValueError(
                 f"particles is {self.particles} and resampling {self.resampling!r}; at least 1, and one of {sorted(RESAMPLERS)} are needed"
@@ -150,8 +155,13 @@ class ParticleFilter:
         m, P = self._conditioned(prior, spread, focus, state, scan)
         factor = root(definite(P))
         x = m + np.einsum("nij,nj->ni", factor, rng.standard_normal(m.shape))
-        log_q = log_gaussian(x - m, factor @ np.swapaxes(factor, -1, -2))
+        if self.prior_share > 0:
+            drawn, _ = self.motion.sample(rng, state.x, state.mode, dt_s, state.memory)
+            x = np.where(rng.random((len(x), 1)) < self.prior_share, drawn, x)
         log_p = self.motion.log_density(x, state.x, state.mode, dt_s, state.memory)
+        with np.errstate(divide="ignore"):
+            log_q = np.log1p(-self.prior_share) + log_gaussian(x - m, factor @ np.swapaxes(factor, -1, -2))
+            log_q = np.logaddexp(log_q, np.log(self.prior_share) + log_p)
         return replace(state, x=x, P=None if state.P is None else P), log_p - log_q
 
     def _covariances(self, state: ParticleState) -> Array:

@@ -287,3 +287,18 @@ def test_a_scenario_in_which_a_pipelines_score_has_no_weight_is_left_out_for_all
     assert table.attrs["units"] == 7
     assert row(table, "bad")["mean"] == pytest.approx(np.mean(kept))
     assert table["rank"].tolist() == [1, 2]
+
+
+def test_a_median_over_trials_stands_beside_the_mean_that_one_lost_run_moves():
+    values = grid(lambda s, r: 9.0 if (s, r) == (0, 0) else 0.1, 3, 3)
+    found = row(board({"a": values}, also=["median:ospa"]), "a")
+    assert found["mean"] > 1.0
+    assert found["median:ospa"] == pytest.approx(0.1)
+    assert "median:ospa" in render(board({"a": values}, also=["median:ospa"]))
+
+
+def test_a_median_over_trials_of_a_metric_with_a_value_at_every_time_is_refused():
+    trials, scores = run({"a": grid(lambda s, r: 0.1, 3, 3)}, "ospa")
+    twice = pd.concat([scores, scores.assign(slice="1")], ignore_index=True)
+    with pytest.raises(InputError, match="one a trial"):
+        leaderboard(trials, twice, "ospa", also=["median:ospa"])

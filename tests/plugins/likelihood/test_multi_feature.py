@@ -96,7 +96,7 @@ def test_a_coherent_source_in_every_microphone_has_power_one() -> None:
 
 def test_focused_keeps_the_candidate_of_each_pair_that_the_cloud_expects() -> None:
     scan = with_rows([[truth(q) - 6e-4, truth(q) + 2e-5, truth(q) + 7e-4] for q in range(4)])
-    model = bound(power="none")
+    model = bound(power="none", delays="selected")
     focus = model.focused(CLOUD, EVEN, scan)
     assert focus is not None
     assert [q for q, _, _ in focus.rows] == [0, 1, 2, 3]
@@ -106,11 +106,42 @@ def test_focused_keeps_the_candidate_of_each_pair_that_the_cloud_expects() -> No
     np.testing.assert_allclose(focus.log_ratio(CLOUD), alone, rtol=1e-12)
 
 
-def test_a_candidate_that_is_likelier_false_is_no_row_for_a_proposal() -> None:
+def test_every_candidate_is_weighed_by_default_and_the_likeliest_are_offered_as_rows() -> None:
+    scan = with_rows([[truth(q) - 6e-4, truth(q) + 2e-5] for q in range(4)])
+    model = bound(power="none")
+    focus = model.focused(CLOUD, EVEN, scan)
+    assert focus is not None
+    assert [float(z[0]) for _, z, _ in focus.rows] == pytest.approx([truth(q) + 2e-5 for q in range(4)])
+    np.testing.assert_allclose(focus.log_ratio(CLOUD), model.log_ratio(CLOUD, scan), rtol=1e-12)
+
+
+@pytest.mark.parametrize("delays", ["selected", "all"])
+def test_a_candidate_that_is_likelier_false_is_no_row_for_a_proposal(delays: str) -> None:
     scan = with_rows([[truth(0)], [truth(1)], [truth(2)], [truth(3) + 9e-4]])
-    focus = bound(power="none").focused(CLOUD, EVEN, scan)
+    focus = bound(power="none", delays=delays).focused(CLOUD, EVEN, scan)
     assert focus is not None
     assert [q for q, _, _ in focus.rows] == [0, 1, 2]
+
+
+def test_what_is_trusted_is_likelier_the_talkers_than_false_at_that_floor() -> None:
+    """(1 − floor) × what the cloud expects of the candidate against floor × the same of a delay anywhere in the aperture."""
+    off = 3.2e-4
+    scan = with_rows([[truth(q) + off] for q in range(4)])
+    model = bound(power="none")
+    for q in range(4):
+        shown = float(EVEN @ model._shown(CLOUD, q, model._rows(scan)[q], scan)[:, 0])
+        even = shown / (shown + model._chance(q, 1))  # the floor at which both are as likely
+        for floor, rows in ((even - 0.01, 1), (even + 0.01, 0)):
+            focus = bound(power="none", floor=floor).focused(CLOUD, EVEN, scan)
+            assert focus is not None
+            assert sum(sensor == q for sensor, _, _ in focus.rows) == rows
+
+
+def test_power_below_chance_is_not_counted_by_default() -> None:
+    x = np.random.default_rng(3).uniform([0.2, 0, 0.2, 0], [3.8, 0, 2.8, 0], (300, 4))
+    found = bound(delays="none").log_ratio(x, SCAN)
+    assert found.min() == 0.0
+    assert (found == 0.0).sum() > 30
 
 
 def test_mu_at_a_point_forgets_the_delays_and_over_the_cloud_it_does_not() -> None:

@@ -118,8 +118,10 @@ MOTION = ConstantVelocity(velocity_walk_m_s=0.7)
         ParticleFilter(MOTION, Seen(), particles=6000, proposal="unscented", transform=Linearised()),
         ParticleFilter(MOTION, Seen(), particles=6000, proposal="unscented", transform=Cubature(), robust="printed"),
         ParticleFilter(MOTION, Seen(trusted=False), particles=6000, proposal="unscented"),
+        ParticleFilter(MOTION, Seen(), particles=6000, proposal="unscented", prior_share=0.0),
+        ParticleFilter(MOTION, Seen(), particles=6000, proposal="unscented", prior_share=0.5),
     ],
-    ids=["prior", "unscented", "robust", "printed", "untrusted"],
+    ids=["prior", "unscented", "robust", "printed", "untrusted", "alone", "half"],
 )
 def test_every_proposal_gives_the_kalman_filters_means(tracker: ParticleFilter) -> None:
     scans = measured()
@@ -151,6 +153,36 @@ def test_covariances_that_are_carried_widen_the_proposal_and_waste_particles() -
         _, estimate = tracker.step(rng, tracker.init(rng, SETUP), measured()[0])
         effective[covariance] = estimate.info["effective"]
     assert effective["carried"] < 0.2 * effective["motion"]
+
+
+def test_a_share_from_the_motion_survives_rows_that_are_false() -> None:
+    """Rows 1.5 m off are trusted, the likelihood knows better: only particles from the motion are where it is high."""
+    found = {}
+    for share in (0.0, 0.1):
+        tracker, rng = ParticleFilter(MOTION, Mistaken(), particles=2000, proposal="unscented", prior_share=share), np.random.default_rng(1)
+        _, estimate = tracker.step(rng, tracker.init(rng, SETUP), scan(1, np.array([2.08, 1.53, 1.53])))
+        found[share] = estimate.info["effective"], abs(float(estimate.states[0][0]) - 2.08)
+    assert found[0.1][0] > 5 * found[0.0][0]
+    assert found[0.1][1] < 0.1 < found[0.0][1]
+
+
+def test_shares_of_everything_or_less_than_nothing_are_refused() -> None:
+    for share in (1.0, -0.1):
+        with pytest.raises(ValueError, match="prior_share is"):
+            ParticleFilter(prior_share=share)
+
+
+class Mistaken(Seen):
+    def bind(self, space: Space, setup: Setup) -> BoundSeen:
+        return _BoundMistaken(space, super().bind(space, setup).model, True)
+
+
+class _BoundMistaken(BoundSeen):
+    def focused(self, x: Floats, w: Floats, scan: Scan) -> Focused | None:
+        focus = super().focused(x, w, scan)
+        assert focus is not None
+        rows = tuple((q, z + 1.5, R * 1e-2) for q, z, R in focus.rows)
+        return Focused(focus.log_ratio, focus.measurement, rows)
 
 
 def test_particles_stay_in_the_room() -> None:
