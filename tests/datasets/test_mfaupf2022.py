@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
+from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from sonobench import Study
@@ -18,6 +21,7 @@ from sonobench_plugins.tracker.particle_filter import ParticleFilter
 
 REGISTRY = Registry.load()
 STUDIES = ["mfaupf2022-paths", "mfaupf2022-t60", "mfaupf2022-snr", "mfaupf2022-office", "mfaupf2022-random", "mfaupf2022-tuning"]
+CLIP = "p_scene.sources.talker.sound.clip"
 
 
 @functools.cache
@@ -93,3 +97,35 @@ def differing(one: object, other: object, path: tuple[str, ...] = ()) -> set[tup
     if not (isinstance(one, Mapping) and isinstance(other, Mapping)) or one.get("use") != other.get("use"):
         return set() if one == other else {path}
     return {p for key in {*one, *other} for p in differing(one.get(key), other.get(key), (*path, key))}
+
+
+@pytest.mark.study
+def test_errors_and_lost_runs_on_the_paths(tmp_path: Path) -> None:
+    """60 paired runs a path, over three voices; ratios are geometric means with 95 % over the runs."""
+    only = ("mfacv", "mfaupf", "mfarw", "mfacv-no-floor", "mfacv-floor-1", "best")
+    run = Study.load("mfaupf2022-paths", only=only).run(out=tmp_path / "run")
+    assert run.failed == 0, run.trials[["status", "exc_message"]].drop_duplicates()
+    rows = run.scores[run.scores["metric"] == "run-error"].merge(run.trials, on="trial_key")
+    error = rows.pivot_table(index=["scene", CLIP, "repetition"], columns="pipeline", values="value")
+    print(error.groupby(level=[0, 1]).median().round(3).to_string())
+    for scene, median in (("mfaupf2022-arc", 0.06), ("mfaupf2022-turn", 0.12)):
+        here = error.loc[scene]
+        assert len(here) == 60
+        assert here["mfacv"].median() <= median
+        assert (here["mfacv"] > 0.6).mean() <= 0.2
+        assert here["mfaupf"].median() <= 1.3 * here["mfacv"].median()
+        for name in ("mfacv", "mfaupf"):
+            assert ratio(here["mfarw"], here[name])[0] > 1
+        assert here["mfacv-no-floor"].median() >= 2 * here["mfacv-floor-1"].median()
+        assert ratio(here["best"], here["mfacv"])[1] < 1
+    clear = error[
+        error.index.get_level_values(CLIP) != "librivox-male-2"
+    ]  # its bins are the fewest above the noise: docs/papers/mfaupf2022.md
+    assert (clear[["mfacv", "mfaupf", "best"]] <= 0.6).all(axis=None)
+
+
+def ratio(one: pd.Series, other: pd.Series) -> tuple[float, float]:
+    """95 % interval of the geometric mean of one / other, run by run."""
+    log = np.log(one / other)
+    half = 1.96 * log.std(ddof=1) / np.sqrt(len(log))
+    return float(np.exp(log.mean() - half)), float(np.exp(log.mean() + half))
