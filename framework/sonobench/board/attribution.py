@@ -36,7 +36,13 @@ class Pair(NamedTuple):
 
 
 def attribution(
-    trials: pd.DataFrame, scores: pd.DataFrame, metric: str, role: str, entries: Mapping[str, Any], by: str | None = None
+    trials: pd.DataFrame,
+    scores: pd.DataFrame,
+    metric: str,
+    role: str,
+    entries: Mapping[str, Any],
+    by: str | None = None,
+    vs: str | None = None,
 ) -> pd.DataFrame:
     """The effect of swapping a component.
 
@@ -46,6 +52,7 @@ def attribution(
         role: of the component, such as "delay" or "tracker".
         entries: {name: {"table": full table, "roles": {path: role}}} of every entry, as study.json has them.
         by: one table for each value of this column.
+        vs: only swaps of this pipeline's component for another.
 
     Returns:
         One row a swap: swap_from, swap_to, pairs (how many), effect (mean of to − from), low, high (95 %), interval (its
@@ -53,8 +60,10 @@ def attribution(
         leaderboard's, with role and swaps (the pairs of entries).
 
     Raises:
-        InputError: no such role, metric or column; no two entries differ in that component alone.
+        InputError: no such role, metric, column or pipeline; no two entries differ in that component alone.
     """
+    if vs is not None:
+        select.known_pipeline(trials, vs)
     if role not in ROLES:
         raise InputError(f"--attribute {role}: no such role{did_you_mean(role, ROLES) or f'; there are {sorted(ROLES)}'}")
     rows = select.of_metric(scores, metric)
@@ -62,13 +71,18 @@ def attribution(
     if not there:
         raise InputError("--attribute: the run does not say what its entries are made of; run it again (finished trials are kept)")
     pairs = list(pairs_of(there, role))
+    if vs is not None:
+        pairs = [pair if pair.first == vs else Pair(pair.second, pair.first, pair.after, pair.before) for pair in pairs if vs in pair[:2]]
     if not pairs:
-        raise InputError(_no_pair(there, role))
+        raise InputError(_no_pair(there, role, vs))
     return grouped(trials, by, lambda part: _table(part, metric, rows, role, pairs))
 
 
 def pairs_of(entries: Mapping[str, Any], role: str) -> Iterator[Pair]:
-    """All pairs of entries whose tables are equal but for one component of the role; before < after."""
+    """All pairs of entries whose tables are equal but for one component of the role; before < after.
+
+    Components of the same `use` differ in parameters of their own: where what they hold differs, that is swapped, not they.
+    """
     alike: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for name, entry in entries.items():
         for path in (p for p, own in entry["roles"].items() if own == role):
@@ -76,8 +90,21 @@ def pairs_of(entries: Mapping[str, Any], role: str) -> Iterator[Pair]:
             alike.setdefault((path, canonical_json(rest)), []).append((canonical_json(component), name))
     for group in alike.values():
         for (before, first), (after, second) in itertools.combinations(sorted(group), 2):
-            if before != after:
+            if before != after and _is_swap(entries[first], entries[second], path):
                 yield Pair(first, second, before, after)
+
+
+def _is_swap(first: Mapping[str, Any], second: Mapping[str, Any], path: str) -> bool:
+    """Whether the components at the path are of another `use`, or hold the same components."""
+    held = [{p: _at(entry["table"], p) for p in entry["roles"] if p.startswith(f"{path}.")} for entry in (first, second)]
+    return bool(_at(first["table"], path)["use"] != _at(second["table"], path)["use"] or held[0] == held[1])
+
+
+def _at(table: Mapping[str, Any], path: str) -> Any:
+    place: Any = table
+    for step in path.split("."):
+        place = place[int(step) if step.isdecimal() else step]
+    return place
 
 
 def _without(table: Mapping[str, Any], path: str) -> tuple[dict[str, Any], Any]:
@@ -166,9 +193,10 @@ def _shown(value: Any) -> str:
     return value if isinstance(value, str) else canonical_json(value)
 
 
-def _no_pair(entries: Mapping[str, Any], role: str) -> str:
+def _no_pair(entries: Mapping[str, Any], role: str, vs: str | None) -> str:
     used = {name: [p for p, own in entry["roles"].items() if own == role] for name, entry in entries.items()}
     having = [name for name, paths in used.items() if paths]
     if not having:
         return f"--attribute {role}: no entry has a component of this role"
-    return f"--attribute {role}: no two entries differ in their {role} alone ({statistics.joined(having)} have one); add one that does"
+    which = "no two entries differ" if vs is None else f"no entry differs from {vs}"
+    return f"--attribute {role}: {which} in {'their' if vs is None else 'its'} {role} alone ({statistics.joined(having)} have one); add one that does"

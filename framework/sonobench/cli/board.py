@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     help="Add a column with the mean of another metric; with median:METRIC, the median over trials; repeatable.",
 )
 @click.option("--by", help="One board a value of this column, such as a swept parameter (any unique suffix).")
-@click.option("--vs", help="Show differences against this pipeline.")
+@click.option("--vs", help="Show differences against this pipeline; with --attribute, only swaps of its component.")
 @click.option(
     "--reference", "references", multiple=True, metavar="NAME", help="Put published numbers beside the measured ones; repeatable."
 )
@@ -59,15 +59,15 @@ def board(
     from sonobench.harness import open_run
 
     format_ = "json" if as_json else format_
-    if role is not None and (vs is not None or also or references):
-        raise InputError("--attribute prints swaps of components; --vs, --with and --reference belong to a leaderboard")
+    if role is not None and (also or references):
+        raise InputError("--attribute prints swaps of components; --with and --reference belong to a leaderboard")
     if format_ == "parquet" and out is None:
         raise InputError("--format parquet is binary; name a file with -o")
     opened = open_run(*runs)
     code = _verified(opened) if verify else 0
     wanted = metrics or opened.metrics[:1] or (None,)
     if role is not None:
-        boards = [opened.attribution(role, m, by) for m in wanted]
+        boards = [opened.attribution(role, m, by, vs) for m in wanted]
     else:
         boards = [opened.board(m, by=by, vs=vs, also=also, references=references) for m in wanted]
     content = render(boards[0] if len(boards) == 1 else boards, format_)

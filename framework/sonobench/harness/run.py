@@ -102,12 +102,12 @@ class Run:
         metrics = {label: own for study in self.studies for label, own in study.get("metric_tables", {}).items()}
         return beside(table, found, metrics, lost) if found or lost else table
 
-    def attribution(self, role: str, metric: str | None = None, by: str | None = None) -> pd.DataFrame:
+    def attribution(self, role: str, metric: str | None = None, by: str | None = None, vs: str | None = None) -> pd.DataFrame:
         """What swapping a component of a role is worth; see `sonobench.board.attribution`."""
         from sonobench.board import absent, attribution, noted, same_entries
 
         entries = same_entries([study.get("entries", {}) for study in self.studies], [str(p) for p in self.paths])
-        return noted(attribution(self.trials, self.scores, self._metric(metric), role, entries, by), absent(self.studies))
+        return noted(attribution(self.trials, self.scores, self._metric(metric), role, entries, by, vs), absent(self.studies))
 
     def where(self, scenes: Sequence[str] = (), at: Mapping[str, Sequence[Any]] | None = None, pipelines: Sequence[str] = ()) -> Run:
         """The same run, of these scenes, swept values and pipelines alone; see `sonobench.report.chosen`."""

@@ -146,3 +146,25 @@ def test_what_cannot_be_attributed_is_refused_with_the_reason():
         attributed(tables, "tracker", {n: entry(d) for n, d in zip(ENTRIES, "abcdef", strict=True)})
     with pytest.raises(InputError, match="does not say what its entries are made of"):
         attributed(tables, "delay", {})
+
+
+def test_what_a_component_holds_is_not_its_own_swap_unless_it_is_of_another_use():
+    entries = {"a": entry(), "b": entry(transform="unscented"), "c": entry(use="smc-phd", transform="linearised")}
+    assert {frozenset(p[:2]) for p in pairs_of(entries, "tracker")} == {frozenset("ac"), frozenset("bc")}
+    entries["d"] = entry()
+    entries["d"]["table"]["tracker"]["particles"] = 300
+    assert frozenset("ad") in {frozenset(p[:2]) for p in pairs_of(entries, "tracker")}
+
+
+def test_against_one_pipeline_only_swaps_of_its_component_stand_there_and_begin_with_it():
+    tables = effects(floor=0.1)
+    found = attributed(tables, "transform", vs="phat-linearised")
+    assert list(zip(found["swap_from"], found["swap_to"], strict=True)) == [("linearised", "cubature"), ("linearised", "unscented")]
+    assert found["pairs"].tolist() == [1, 1]
+    value = tables[1].set_index("trial_key")["value"].groupby(lambda key: key.split("/")[0]).mean()
+    assert found["effect"].tolist() == pytest.approx([value[f"phat-{t}"] - value["phat-linearised"] for t in ("cubature", "unscented")])
+    with pytest.raises(InputError, match="no pipeline 'nobody' to compare with"):
+        attributed(tables, "transform", vs="nobody")
+    alone = ENTRIES | {"phat-cubature": entry(use="smc-phd")}
+    with pytest.raises(InputError, match="no entry differs from phat-cubature in its delay alone"):
+        attributed(tables, "delay", alone, vs="phat-cubature")

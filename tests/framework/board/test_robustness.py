@@ -168,7 +168,7 @@ def test_a_run_named_twice_is_one_run_and_its_copy_too(folder, capsys, tmp_path)
     ("options", "said"),
     [
         (("--attribute", "transfrom"), "did you mean 'transform'?"),
-        (("--attribute", "tracker", "--vs", "a"), "--vs, --with and --reference belong to a leaderboard"),
+        (("--attribute", "tracker", "--with", "a"), "--with and --reference belong to a leaderboard"),
         (("--reference", "chen2021"), "did you mean 'chen2012'?"),
         (("--reference", "nowhere.toml"), "no such file"),
         (("--vs", "c"), "no pipeline 'c'"),
