@@ -145,6 +145,13 @@ class Motion(Protocol):
 
     probability (n, n_modes) of each next mode, and means (n, n_modes, d) and covariances (n, n_modes, d, d) of the Gaussians by each.
     `mode` is that before the step throughout; `moments` are those of all branches together.
+
+    A model that learns from updates also has
+
+        adapt(memory, prior, posterior, dt_s)
+
+    the memory after an update moved a target's mean from prior (d,) to posterior (d,), dt_s after the update before; `memory` None is the
+    start's. Where `adaptive` is False it learns nothing. Trackers of one target carry the memory; the others refuse such a model.
     """
 
     @property

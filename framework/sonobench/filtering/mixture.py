@@ -13,7 +13,7 @@ import numpy as np
 
 from sonobench.filtering.gaussian import definite
 from sonobench.protocols import Mixture, Motion
-from sonobench.types import Array, Bools, Ints
+from sonobench.types import Array, Bools, Ints, Space
 
 
 @cache
@@ -70,22 +70,23 @@ def prune(mixture: Mixture, weight: float) -> Mixture:
     return take(mixture, mixture.w > weight)
 
 
-def merge(mixture: Mixture, distance: float) -> Mixture:
+def merge(mixture: Mixture, distance: float, space: Space) -> Mixture:
     """Join components to heavier ones of the same mode within a Mahalanobis `distance`, heaviest first, moments kept.
 
     The distance of candidate i to the heaviest, j, is √((mᵢ − mⱼ)ᵀ Pᵢ⁻¹ (mᵢ − mⱼ)) in the candidate's own covariance
     (Vo & Ma 2006, table II, whose U is its square). Equal weights keep their order. The sum of weights does not change.
+    Differences of periodic coordinates are the space's, and their mean is taken about the heaviest of the joined.
     """
     n = len(mixture.w)
     if n < 2:
         return mixture
     w, m, P, mode = take(mixture, _falling(mixture.w))
-    label = np.empty(n, np.int64)
-    groups = kernels().group(m, P, definite(P), mode, float(distance) ** 2, label)
+    label, periods = np.empty(n, np.int64), np.array(space.periods)
+    groups = kernels().group(m, P, definite(P), mode, periods, float(distance) ** 2, label)
     if groups < 0:
         raise ValueError("a covariance of the mixture is not positive definite, so that nothing has a Mahalanobis distance")
     first = np.searchsorted(np.maximum.accumulate(label), np.arange(groups))  # groups are numbered as they first occur
-    weight, mean, cov = kernels().joined(w, m, P, label, groups)
+    weight, mean, cov = kernels().joined(w, m, P, periods, label, groups)
     return Mixture(weight, mean, cov, mode[first])
 
 

@@ -163,13 +163,20 @@ def conditioned(w: Array, m: Array, P: Array, residual: Array, S: Array, cross: 
     return out_w, out_m, out_P, of
 
 
-@njit(types.int64(_A2, _A3, _A3, _N, types.float64, _WN), cache=True)
-def group(m: Array, P: Array, metric: Array, mode: Ints, square: float, label: Ints) -> int:
+@njit(types.float64(types.float64, types.float64), cache=True)
+def _wrapped(difference: float, period: float) -> float:
+    """A difference in [−period/2, period/2), or as it is where the coordinate is a line (period 0)."""
+    return difference - period * math.floor(difference / period + 0.5) if period > 0 else difference
+
+
+@njit(types.int64(_A2, _A3, _A3, _N, _A1, types.float64, _WN), cache=True)
+def group(m: Array, P: Array, metric: Array, mode: Ints, periods: Array, square: float, label: Ints) -> int:
     """Group components sorted by falling weight: each takes the free ones of its mode whose squared distance is at most `square`.
 
     Args:
         m, P, mode: (n, d), (n, d, d), (n,).
         metric: (n, d, d) covariances in which the distance to a candidate is measured.
+        periods: (d,) of the coordinates, 0 of a line.
         square: squared Mahalanobis distance.
         label: (n,) receives the group's number.
 
@@ -190,34 +197,40 @@ def group(m: Array, P: Array, metric: Array, mode: Ints, square: float, label: I
         for i in range(j + 1, n):
             if label[i] < 0 and mode[i] == mode[j]:
                 for k in range(d):
-                    off[k] = m[i, k] - m[j, k]
+                    off[k] = _wrapped(m[i, k] - m[j, k], periods[k])
                 if _whiten(factors[i], off, white) <= square:
                     label[i] = groups
         groups += 1
     return groups
 
 
-@njit(types.Tuple((_W1, _W2, _W3))(_A1, _A2, _A3, _N, types.int64), cache=True)
-def joined(w: Array, m: Array, P: Array, label: Ints, groups: int) -> tuple[Array, Array, Array]:
+@njit(types.Tuple((_W1, _W2, _W3))(_A1, _A2, _A3, _A1, _N, types.int64), cache=True)
+def joined(w: Array, m: Array, P: Array, periods: Array, label: Ints, groups: int) -> tuple[Array, Array, Array]:
     """Weight, mean and covariance of each group of components; a group without weight has the plain mean."""
     n, d = m.shape
     total, base = np.zeros(groups), np.zeros(groups)
-    mean, cov = np.zeros((groups, d)), np.zeros((groups, d, d))
+    mean, cov, first = np.zeros((groups, d)), np.zeros((groups, d, d)), np.full(groups, -1)
     for i in range(n):
         total[label[i]] += w[i]
+        if first[label[i]] < 0:
+            first[label[i]] = i
     own = np.empty(n)
     for i in range(n):
         own[i] = w[i] if total[label[i]] > 0 else 1.0
         base[label[i]] += own[i]
     for i in range(n):
         own[i] /= base[label[i]]
-        for a in range(d):
-            mean[label[i], a] += own[i] * m[i, a]
+        for a in range(d):  # a periodic coordinate counts as the turn of it that is nearest the first of its group
+            lead = m[first[label[i]], a]
+            mean[label[i], a] += own[i] * (lead + _wrapped(m[i, a] - lead, periods[a]) if periods[a] > 0 else m[i, a])
+    off = np.empty(d)
     for i in range(n):
         g = label[i]
         for a in range(d):
+            off[a] = _wrapped(m[i, a] - mean[g, a], periods[a])
+        for a in range(d):
             for b in range(a + 1):
-                spread = 0.5 * (P[i, a, b] + P[i, b, a]) + (m[i, a] - mean[g, a]) * (m[i, b] - mean[g, b])
+                spread = 0.5 * (P[i, a, b] + P[i, b, a]) + off[a] * off[b]
                 cov[g, a, b] += own[i] * spread
     for g in range(groups):
         for a in range(d):

@@ -14,15 +14,26 @@ JointUpdate = Literal["iterated", "stacked", "joint"]
 
 
 def bound(
-    motion: Motion, measurement: Measurement, setup: Setup, update: JointUpdate, who: str, several: bool = False, modes: bool = False
+    motion: Motion,
+    measurement: Measurement,
+    setup: Setup,
+    update: JointUpdate,
+    who: str,
+    *,
+    several: bool = False,
+    modes: bool = False,
+    adaptive: bool = False,
 ) -> BoundMeasurement:
-    """The measurement model on this setup, for a tracker of one motion mode, unless `modes`, and one detection a target and sensor, unless `several`.
+    """The measurement model on this setup, for a tracker of one motion mode, unless `modes`, that does not adapt, unless `adaptive`,
+    and one detection a target and sensor, unless `several`.
 
     Raises:
         SetupError: the models do not fit each other, the setup or the tracker; names both sides.
     """
     if motion.n_modes != 1 and not modes:
         raise SetupError(f"{who} tracks one motion mode; motion {type(motion).__name__} has {motion.n_modes}")
+    if not adaptive:
+        refuse_adaptive(motion, who)
     model = measurement.bind(motion.space, setup)
     if model.n_modes != 1 and not several:
         raise SetupError(
@@ -35,6 +46,24 @@ def bound(
             'name one stack in the measurement\'s `sensor`, or use update = "iterated"'
         )
     return model
+
+
+def adapts(motion: Motion) -> bool:
+    """Whether updates change the motion (`adapt` in the protocol)."""
+    return hasattr(motion, "adapt") and bool(getattr(motion, "adaptive", True))
+
+
+def refuse_adaptive(motion: Motion, who: str) -> None:
+    """For trackers that hold no target's own motion.
+
+    Raises:
+        SetupError: the motion would stay as it is at its start.
+    """
+    if adapts(motion):
+        raise SetupError(
+            f"{who} does not carry what motion {type(motion).__name__} learns from updates, so that it would never adapt: use a motion that does "
+            "not, such as constant-velocity, or a tracker of one target that adapts it (particle-filter, gaussian-filter)"
+        )
 
 
 def initial(birth: Birth, memory: State, d: int) -> Mixture:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sonobench.filtering.steps import refuse_adaptive
 from sonobench.protocols import Birth, Likelihood, Measurement, Motion
 from sonobench.types import Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.room import Room
@@ -65,8 +66,9 @@ class CbMember:
         """Nobody, or whom the birth knows of, at the setup's start.
 
         Raises:
-            SetupError: a model does not fit the setup.
+            SetupError: a model does not fit the setup or this filter.
         """
+        refuse_adaptive(self.motion, "cbmember")
         return self._filter().init(rng, setup)
 
     def step(self, rng: np.random.Generator, state: FieldLmbState, scan: Scan) -> tuple[FieldLmbState, Estimate]:

@@ -39,7 +39,7 @@ from sonobench.filtering.label_sets import (
 )
 from sonobench.filtering.mixture import take
 from sonobench.filtering.resampling import systematic
-from sonobench.filtering.steps import elapsed, survival
+from sonobench.filtering.steps import elapsed, refuse_adaptive, survival
 from sonobench.protocols import Birth, BoundLikelihood, Likelihood, Measurement, Mixture, Motion, State
 from sonobench.types import Array, Bools, Estimate, Ints, Scan, Setup, Space
 from sonobench_plugins.birth.room import Room
@@ -109,8 +109,9 @@ class FieldLmb:
         """Nobody, or whom the birth knows of, at the setup's start.
 
         Raises:
-            SetupError: a model does not fit the setup.
+            SetupError: a model does not fit the setup or this filter.
         """
+        refuse_adaptive(self.motion, "field-lmb")
         model = self.likelihood.bind(self.space, setup)
         asked: Any = model if self.measurement is None else self.measurement.bind(self.space, setup)
         memory = self.birth.start(self.space, setup, asked)
@@ -157,8 +158,12 @@ class FieldLmb:
         mode = rng.permuted(np.tile(np.arange(N, dtype=np.int64) % self.motion.n_modes, (J, 1)), axis=1)
         new = Tracks(state.following + np.arange(J, dtype=np.int64), np.clip(born.w, 0.0, 1.0), np.full((J, N), -np.log(N)), x, mode)
         both = Tracks(*(np.concatenate(parts) for parts in zip(tracks, new, strict=True)))
-        sets = None if state.sets is None else np.multiply.outer(state.sets, sets_of(new.r))
-        return self._limited(replace(state, tracks=both, sets=sets, following=state.following + J))
+        kept = np.sort(_likeliest(both)[: self.most_labels])
+        old = len(tracks.r)
+        sets = None  # those that are dropped are dropped before all sets of the others are listed
+        if state.sets is not None:
+            sets = np.multiply.outer(sets_kept(state.sets, kept[kept < old]), sets_of(new.r[kept[kept >= old] - old]))
+        return replace(state, tracks=_taken(both, kept), sets=sets, following=state.following + J)
 
     def _updated(self, state: FieldLmbState, scan: Scan) -> FieldLmbState:
         tracks = state.tracks
@@ -185,11 +190,6 @@ class FieldLmb:
                 kept.append(int(i))
         left = np.sort(np.array(kept, np.int64))
         return _only(state, left), take(summary, left)
-
-    def _limited(self, state: FieldLmbState) -> FieldLmbState:
-        if len(state.tracks.r) <= self.most_labels:
-            return state
-        return _only(state, np.sort(_likeliest(state.tracks)[: self.most_labels]))
 
     def _alike(self, summary: Mixture) -> Bools:
         """Which labels (n, n) cannot be told apart by where they are."""

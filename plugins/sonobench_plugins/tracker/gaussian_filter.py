@@ -13,13 +13,13 @@ was searched, only predicts. A target is never given up.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from sonobench.filtering.evidence import Rows, noise_of, rows_of, searched
 from sonobench.filtering.gaussian import gain, log_gaussian, symmetric
-from sonobench.filtering.steps import bound, elapsed, initial, pose_of
+from sonobench.filtering.steps import adapts, bound, elapsed, initial, pose_of
 from sonobench.protocols import Birth, BoundMeasurement, Measurement, Mixture, Motion, State, Transform
 from sonobench.types import Array, Estimate, Scan, Setup, Space
 from sonobench_plugins.birth.from_directions import FromDirections
@@ -30,13 +30,18 @@ from sonobench_plugins.transform.cubature import Cubature
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterState:
-    """Gaussians m (J, d), P (J, d, d) with weights (J,), one for each process noise; None while the target is yet to be found."""
+    """Gaussians m (J, d), P (J, d, d) with weights (J,), one for each process noise; None while the target is yet to be found.
+
+    `heard_s` is when a row was last taken, `motion` the memory of a motion that adapts.
+    """
 
     time_s: float
+    heard_s: float
     weight: Array
     m: Array | None
     P: Array | None
     memory: State
+    motion: State
     measurement: BoundMeasurement
     setup: Setup
 
@@ -77,17 +82,18 @@ class GaussianFilter:
         Raises:
             SetupError: a model does not fit the setup or this filter.
         """
-        model = bound(self.motion, self.measurement, setup, "iterated", "gaussian-filter")
+        model = bound(self.motion, self.measurement, setup, "iterated", "gaussian-filter", adaptive=True)
         memory = self.birth.start(self.space, setup, model)
         m, P = self._begun(initial(self.birth, memory, len(self.space)))
-        return FilterState(setup.start_s, self._even(), m, P, memory, model, setup)
+        return FilterState(setup.start_s, setup.start_s, self._even(), m, P, memory, None, model, setup)
 
     def step(self, rng: np.random.Generator, state: FilterState, scan: Scan) -> tuple[FilterState, Estimate]:
         """Predict and, with every sensor that was searched, update; or look for the target."""
         dt_s, heard = elapsed(state.time_s, scan), searched(scan, state.measurement.sensors)
-        memory, weight, m, P = state.memory, state.weight, state.m, state.P
+        memory, motion, heard_s, weight, m, P = state.memory, state.motion, state.heard_s, state.weight, state.m, state.P
         begun = m is None or P is None
         if m is None or P is None:
+            heard_s = scan.time_s
             if heard:
                 nobody = Mixture(
                     np.zeros(0), np.zeros((0, len(self.space))), np.zeros((0,) + 2 * (len(self.space),)), np.zeros(0, np.int64)
@@ -95,12 +101,18 @@ class GaussianFilter:
                 memory, born = self.birth.propose(rng, memory, scan, nobody)
                 m, P = self._begun(born)
         else:
-            m, P = self._predict(m, P, dt_s)
+            m, P = self._predict(m, P, dt_s, motion)
             weight = self._forget(weight, dt_s, state.setup.period_s)
         if m is not None and P is not None and not (begun and self.birth.uses_scan):  # the scan that proposed it must not confirm it too
+            prior = weight, m, P
             for q in heard:
                 weight, m, P = self._update((weight, m, P), state, scan, q)
-        after = FilterState(scan.time_s, weight, m, P, memory, state.measurement, state.setup)
+            if m is not prior[1]:
+                heard_s = scan.time_s
+                if adapts(self.motion):
+                    before, now = self._mean(*prior[:2]), self._mean(weight, m)
+                    motion = cast(Any, self.motion).adapt(motion, before, now, heard_s - state.heard_s)
+        after = FilterState(scan.time_s, heard_s, weight, m, P, memory, motion, state.measurement, state.setup)
         return after, self._estimate(scan.time_s, weight, m, P)
 
     def _even(self) -> Array:
@@ -114,13 +126,13 @@ class GaussianFilter:
         m, P, copies = known.m[heaviest], known.P[heaviest], len(self.process_scales)
         return np.tile(m, (copies, 1)), np.tile(P, (copies, 1, 1))
 
-    def _predict(self, m: Array, P: Array, dt_s: float) -> tuple[Array, Array]:
+    def _predict(self, m: Array, P: Array, dt_s: float, memory: State) -> tuple[Array, Array]:
         """The motion's moments, with each filter's multiple of the Q that a state known exactly would get."""
         mode, scale = np.zeros(len(m), np.int64), np.array(self.process_scales)
-        moved, spread = self.motion.moments(m, P, mode, dt_s)
+        moved, spread = self.motion.moments(m, P, mode, dt_s, memory)
         if (scale == 1.0).all():
             return moved, spread
-        Q = self.motion.moments(m, np.zeros_like(P), mode, dt_s)[1]
+        Q = self.motion.moments(m, np.zeros_like(P), mode, dt_s, memory)[1]
         return moved, spread + (scale - 1.0)[:, None, None] * Q
 
     def _forget(self, weight: Array, dt_s: float, period_s: float | None) -> Array:
@@ -154,13 +166,16 @@ class GaussianFilter:
             found = np.where(rows.score == rows.score.max(), found, -np.inf)
         return int(np.argmax(found))
 
+    def _mean(self, weight: Array, m: Array) -> Array:
+        lead = m[int(np.argmax(weight))]  # what is periodic averages by its differences from one of them
+        return np.asarray(lead + weight @ self.space.residual(m, lead))
+
     def _estimate(self, time_s: float, weight: Array, m: Array | None, P: Array | None) -> Estimate:
         """Mean and covariance of the filters' mixture."""
         d = len(self.space)
         if m is None or P is None:
             return Estimate(time_s, np.zeros((0, d)), np.zeros((0, d, d)), np.zeros(0, np.int64), np.zeros(0), 0.0)
-        lead = m[int(np.argmax(weight))]  # what is periodic averages by its differences from one of them
-        mean = lead + weight @ self.space.residual(m, lead)
+        mean = self._mean(weight, m)
         off = self.space.residual(m, mean)
         cov = np.einsum("j,jab->ab", weight, P + off[:, :, None] * off[:, None, :])
         info = {f"weight_{j}": float(w) for j, w in enumerate(weight)} if len(weight) > 1 else {}

@@ -136,7 +136,7 @@ class GaussianCbMember:
     def _reduced(self, mixture: Mixture) -> Mixture:
         r = existence(mixture)
         mixture = prune(take(mixture, r[mixture.mode] > self.prune_existence), self.prune_weight)
-        return _numbered(cap(merge(mixture, self.merge_distance), self.max_components))
+        return _numbered(cap(merge(mixture, self.merge_distance, self.space), self.max_components))
 
     def _extract(self, mixture: Mixture, time_s: float) -> Estimate:
         """The heaviest components of the likeliest number of targets, those of highest existence."""

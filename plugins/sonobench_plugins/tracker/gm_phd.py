@@ -96,9 +96,9 @@ class GaussianMixturePhd:
             memory, born = self.birth.propose(rng, memory, scan, mixture)
             mixture = union(mixture, born)
         for q in heard:
-            mixture = merge(self._update(mixture, state, scan, q), self.merge_distance)
+            mixture = merge(self._update(mixture, state, scan, q), self.merge_distance, self.space)
             mixture = cap(mixture, self.max_components)
-        whole = mixture if self.motion.n_modes == 1 else merge(any_mode(mixture), self.merge_distance)
+        whole = mixture if self.motion.n_modes == 1 else merge(any_mode(mixture), self.merge_distance, self.space)
         found = extract(whole, self.extract_weight, self.multiplicity)
         estimate = Estimate(scan.time_s, found.m, found.P, existence=found.w, count=mixture.w.sum(), info={"components": len(mixture.w)})
         if heard and self.birth.uses_scan:  # the scan that proposes them must not confirm them too

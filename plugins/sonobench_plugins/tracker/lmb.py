@@ -95,7 +95,7 @@ class LabelledMultiBernoulli:
             mixture, labels, following = _join(mixture, labels, following, born)
         for q in heard:
             mixture = prune(self._update(mixture, len(labels), state, scan, q), self.prune_weight)
-            mixture = cap(merge(mixture, self.merge_distance), self.max_components)
+            mixture = cap(merge(mixture, self.merge_distance, self.space), self.max_components)
         mixture, labels = _living(mixture, labels)
         estimate = self._extract(mixture, labels, scan.time_s)
         if heard and self.birth.uses_scan:  # the scan that proposes them must not confirm them too

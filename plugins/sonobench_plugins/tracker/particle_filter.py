@@ -21,7 +21,7 @@ room are set back to its walls, and have no weight unless all are. Weights that 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from sonobench.filtering.gaussian import definite, gain, log_gaussian, root, sym
 from sonobench.filtering.kinematics import position_columns
 from sonobench.filtering.particles import gathered
 from sonobench.filtering.resampling import RESAMPLERS, Resampling
-from sonobench.filtering.steps import elapsed, initial, pose_of
+from sonobench.filtering.steps import adapts, elapsed, initial, pose_of
 from sonobench.protocols import Birth, BoundLikelihood, BoundMeasurement, Focused, Likelihood, Motion, State, Transform
 from sonobench.types import Array, Estimate, Floats, Ints, Scan, Setup, Space
 from sonobench_plugins.birth.given import Given
@@ -44,6 +44,7 @@ class ParticleState:
     """Even particles x (N, d), mode (N,), covariances P (N, d, d) where they are carried; memory of an adaptive motion."""
 
     time_s: float
+    heard_s: float
     x: Array
     P: Array | None
     mode: Ints
@@ -111,7 +112,7 @@ class ParticleFilter:
         of = RESAMPLERS["systematic"](rng, known.w, self.particles)
         x = known.m[of] + np.einsum("nij,nj->ni", root(known.P)[of], rng.standard_normal((self.particles, len(self.space))))
         P = known.P[of] if self.proposal == "unscented" and self.covariance == "carried" else None
-        return ParticleState(setup.start_s, x, P, known.mode[of], None, model, setup)
+        return ParticleState(setup.start_s, setup.start_s, x, P, known.mode[of], None, model, setup)
 
     def _refuse_degenerate(self, x: Array, dt_s: float) -> None:
         moved, _ = self.motion.moments(x, np.zeros((1, *2 * x.shape[1:])), np.zeros(1, np.int64), dt_s)
@@ -135,14 +136,17 @@ class ParticleFilter:
         w = np.full(len(x), 1.0 / len(x)) if lost else np.exp(log_w - log_w.max())
         w = w / w.sum()
         mean, cov = gathered(x, w)
-        memory = state.memory
-        if focus is not None and not lost and hasattr(self.motion, "adapt"):
-            memory = self.motion.adapt(memory, prior.mean(axis=0), mean, dt_s)
+        memory, heard_s = state.memory, state.heard_s
+        if focus is not None and not lost:
+            heard_s = scan.time_s
+            if adapts(self.motion):
+                memory = cast(Any, self.motion).adapt(memory, prior.mean(axis=0), mean, heard_s - state.heard_s)
         info = {"effective": 1.0 / float(w @ w), "rows": float(len(focus.rows)) if focus else 0.0, "lost": float(lost)}
         estimate = Estimate(scan.time_s, mean[None], symmetric(cov)[None], np.zeros(1, np.int64), np.ones(1), 1.0, info)
         of = RESAMPLERS[self.resampling](rng, w, self.particles)
         P = None if moved.P is None else moved.P[of]
-        return replace(state, time_s=scan.time_s, x=x[of], P=P, mode=moved.mode[of], memory=memory), estimate
+        after = replace(state, time_s=scan.time_s, heard_s=heard_s, x=x[of], P=P, mode=moved.mode[of], memory=memory)
+        return after, estimate
 
     def _proposed(
         self, rng: np.random.Generator, state: ParticleState, scan: Scan, focus: Focused | None, predicted: tuple[Array, Array]

@@ -25,7 +25,7 @@ from sonobench.filtering.gaussian import root
 from sonobench.filtering.kinematics import position_columns, variances
 from sonobench.filtering.particles import Cloud, balls, empty_cloud, gathered, join
 from sonobench.filtering.resampling import systematic
-from sonobench.filtering.steps import elapsed, survival
+from sonobench.filtering.steps import elapsed, refuse_adaptive, survival
 from sonobench.protocols import BoundLikelihood, Likelihood, Motion
 from sonobench.types import Array, Estimate, Scan, Setup, Space
 from sonobench_plugins.likelihood.tdoa_field import TdoaField
@@ -79,6 +79,7 @@ class TrackBeforeDetect:
         Raises:
             SetupError: a model does not fit the setup or this filter, or the room is not known.
         """
+        refuse_adaptive(self.motion, "tbd")
         model = self.likelihood.bind(self.space, setup)
         n = len(position_columns(self.space, "tbd"))
         variances(self.space, 0.0, 0.0, "tbd")

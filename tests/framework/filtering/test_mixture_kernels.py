@@ -88,7 +88,7 @@ def merged_in_numpy(mixture, distance):
 @given(st.integers(0, 10**6), st.integers(2, 60), st.floats(0.1, 4.0))
 def test_merging_is_numpys(seed, n, distance):
     mix = mixture(np.random.default_rng(seed), n, modes=2)
-    for a, b in zip(merge(mix, distance), merged_in_numpy(mix, distance), strict=False):
+    for a, b in zip(merge(mix, distance, SPACE), merged_in_numpy(mix, distance), strict=False):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
 
 
@@ -112,4 +112,4 @@ def test_covariances_that_cannot_be_inverted_are_refused():
     with pytest.raises(ValueError, match="noise above zero"):
         correct(mix, flat, scan(0.0, rng.standard_normal((2, 2))), nothing, 0)
     with pytest.raises(ValueError, match="not positive definite"):
-        merge(mix._replace(P=-mix.P), 2.0)
+        merge(mix._replace(P=-mix.P), 2.0, SPACE)

@@ -85,7 +85,7 @@ def test_components_branch_and_merge_within_a_mode_as_the_imm_filter_mixes():
     assert np.bincount(moved.mode).tolist() == [2, 2]
     p = motion.transition(0.5)
     np.testing.assert_allclose(np.bincount(moved.mode, moved.w), 0.9 * np.array([0.6, 0.4]) @ p)
-    merged = merge(moved, 2.0)
+    merged = merge(moved, 2.0, motion.space)
     assert sorted(merged.mode) == [0, 1]
     # the textbook order: mix the old modes first, then move each by its model; the same, since the models are linear
     for j, model in enumerate(motion.models):
@@ -97,7 +97,7 @@ def test_components_branch_and_merge_within_a_mode_as_the_imm_filter_mixes():
         own = merged.mode == j
         np.testing.assert_allclose(merged.m[own], wanted[0], atol=1e-12)
         np.testing.assert_allclose(merged.P[own], wanted[1], atol=1e-12)
-    assert len(merge(any_mode(merged), 2.0).w) == 1
+    assert len(merge(any_mode(merged), 2.0, motion.space).w) == 1
 
 
 def test_gm_phd_reports_one_target_whatever_its_modes():

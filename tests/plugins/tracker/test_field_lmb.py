@@ -97,6 +97,23 @@ def test_enumerated_sets_and_the_lmb_agree(motion, merge_distance):
     assert sets[0].sets.sum() == pytest.approx(1, abs=1e-12)
 
 
+def test_sets_of_labels_that_are_dropped_at_birth_are_never_listed():
+    """Twelve born beside twelve: all sets of 24 would be 128 MB a scan."""
+    import tracemalloc
+
+    crowd = Once(places(*[[k % 4, k // 4] for k in range(12)], w=0.3), times=(0.1, 0.2))
+    plain = FieldLmb(ConstantVelocity(), Around(), crowd, particles=5, prune_existence=0.0, merge_distance=0.0, most_labels=12)
+    (few, told), (_, known) = (run(dataclasses.replace(plain, form=f), BUSY[:1]) for f in ("enumerated", "lmb"))
+    tracemalloc.start()
+    run(dataclasses.replace(plain, form="enumerated"), BUSY[:2])
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+    assert few.sets.shape == (2,) * 12
+    for a, b in zip(told, known, strict=True):
+        np.testing.assert_array_equal(a.labels, b.labels)
+        assert a.count == pytest.approx(b.count, abs=1e-12)
+
+
 def test_one_label_is_the_bernoulli_filter_of_quadrature():
     """One dimension that moves nowhere: existence and mean by sums over a fine grid."""
     still = ConstantVelocity(velocity_walk_m_s=0.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sonobench.errors import SetupError
-from sonobench.protocols import BoundMeasurement, Focused
+from sonobench.protocols import BoundMeasurement, Focused, State
 from sonobench.types import Array, Floats, Scan, Sensor, Setup, Space
 from sonobench_plugins.birth.given import Given
 from sonobench_plugins.birth.room import Room
@@ -214,6 +214,18 @@ def test_an_adaptive_motion_gets_its_memory_back() -> None:
     for s in measured(gap=False)[:3]:
         state, _ = tracker.step(rng, state, s)
     assert np.shape(state.memory) == (2,)
+
+
+def test_a_motion_learns_over_the_time_since_the_last_update() -> None:
+    asked: list[float] = []
+
+    class Learning(AdaptiveConstantVelocity):
+        def adapt(self, memory: State, prior: Array, posterior: Array, dt_s: float) -> State:
+            asked.append(dt_s)
+            return memory
+
+    tracked(ParticleFilter(Learning(), Seen()), measured())  # the fifth and sixth scan are silent
+    np.testing.assert_allclose(asked, [0.1] * 4 + [0.3] + [0.1] * 5)
 
 
 def test_positions_alone_are_tracked_too() -> None:
