@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sonobench.errors import SetupError
-from sonobench.filtering.sphere import apart
 from sonobench.geometry import angles, unit_vector
 from sonobench.scoring import Targets, aligned
+from sonobench.sphere import apart
 from sonobench.types import Array, Bools, Estimate, Floats, Space, Truth
 
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")

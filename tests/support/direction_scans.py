@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sonobench.filtering.sphere import in_angles, moved
 from sonobench.geometry import angles, unit_vector
+from sonobench.sphere import in_angles, moved
 from sonobench.types import Array, Detections, Scan, Sensor, Setup, Space, Truth
 
 START_M = 1000.0 * unit_vector(np.radians([30.0, 30.0]))

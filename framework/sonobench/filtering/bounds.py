@@ -1,6 +1,6 @@
 """Bounds on the error of a direction: of one frame (Cramér-Rao), and of a track (posterior Cramér-Rao).
 
-A direction's error is the step on the sphere from truth to estimate, east and north in rad of arc (`filtering.sphere`), so
+A direction's error is the step on the sphere from truth to estimate, east and north in rad of arc (`sonobench.sphere`), so
 information is (2, 2) and the bound of the mean squared angular error (MSAE) is the trace of its inverse.
 Source: Nehorai & Paldi 1994, "Acoustic vector-sensor array processing", section III; Kay 1993, "Fundamentals of statistical signal
 processing: estimation theory", section 3.9 (Gaussian likelihoods); Stoica & Nehorai 1989 (signals as unknown constants); Tichavský,
@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 
 from sonobench.filtering.gaussian import symmetric
-from sonobench.filtering.sphere import tangents
 from sonobench.geometry import unit_vector
+from sonobench.sphere import tangents
 from sonobench.types import Array, Floats
 
 Signal = Literal["gaussian", "deterministic"]

@@ -22,7 +22,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from sonobench.signal.cumulants import LIVE, PAIRS, QUADRUPLES, Moments
-from sonobench.signal.subspace import FREEDOM, Subspace, moved, slopes, spectrum, spectrum_power, spread_directions, steering, tangent
+from sonobench.signal.subspace import FREEDOM, Subspace, slopes, spectrum, spectrum_power, steering
+from sonobench.sphere import across, spread_directions, stepped
 from sonobench.types import Array, DirectionSpectrum, Floats
 
 Noise = Literal["equal", "diagonal", "any"]
@@ -35,7 +36,7 @@ _FLOOR = 1e-8
 
 
 class Fit(NamedTuple):
-    """m directions: u (m, 3); R (m, 2, 2) along `tangent`, rad²; power (m,), None with noise "any"; cumulant (m,) and its deviation (m,).
+    """m directions: u (m, 3); R (m, 2, 2) along `sphere.across`, rad²; power (m,), None with noise "any"; cumulant (m,) and its deviation (m,).
 
     misfit: weighted squares of the residual; freedom: degrees of the chi-square that it follows if there are m sources.
     """
@@ -79,7 +80,7 @@ def fit_directions(found: Moments, frame: int, noise: Noise, starts: Array) -> F
         if count == _TRIED:
             kept = np.argsort(cost, kind="stable")[:_KEPT]
             u, theta, X, cost, damping = u[kept], theta[kept], X[kept], cost[kept], damping[kept]
-        there = moved(u, _step(problem, u, theta, X, damping))
+        there = stepped(u, _step(problem, u, theta, X, damping))
         new_cost, new_theta, new_X = _solved(problem, there)
         better = new_cost < cost
         u, theta = np.where(better[:, None, None], there, u), np.where(better[:, None], new_theta, theta)
@@ -168,9 +169,9 @@ def _shares(u: Array) -> tuple[Any, Any]:
 
 
 def _share_slopes(u: Array) -> tuple[Any, Any]:
-    """Derivatives (…, 2, 35) and (…, 2, 10) of `_shares` along `tangent`."""
+    """Derivatives (…, 2, 35) and (…, 2, 10) of `_shares` along `sphere.across`."""
     a = np.concatenate([np.ones((*u.shape[:-1], 1)), u], axis=-1)[..., None, :]
-    slope = np.concatenate([np.zeros((*u.shape[:-1], 2, 1)), tangent(u).swapaxes(-1, -2)], axis=-1)
+    slope = np.concatenate([np.zeros((*u.shape[:-1], 2, 1)), across(u).swapaxes(-1, -2)], axis=-1)
     i, j = PAIRS.T
     first, last = _HALVES
     power = a[..., i] * a[..., j]
@@ -212,7 +213,7 @@ def _solved(problem: _Problem, u: Array) -> tuple[Array, Array, Array]:
 
 
 def _slopes(problem: _Problem, u: Array, theta: Array) -> Array:
-    """Whitened derivatives (s, k, 2m) along each direction's `tangent`."""
+    """Whitened derivatives (s, k, 2m) along each direction's `sphere.across`."""
     s, m = u.shape[:2]
     cumulant, power = _share_slopes(u)
     slope = (theta[:, :m, None, None] * cumulant).reshape(s, 2 * m, 35) @ problem.turn[:, :35].T

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sonobench.filtering.gaussian import symmetric
-from sonobench.filtering.sphere import moved
 from sonobench.geometry import angles, unit_vector
+from sonobench.sphere import moved
 from sonobench.types import Array, Field, Ints
 
 _POINTS = 4000

@@ -21,6 +21,7 @@ import numpy as np
 
 from sonobench.protocols import Directions
 from sonobench.signal.cumulants import LIVE, PAIRS, WEIGHTS, Moments, covariance_matrix, live_matrix, products
+from sonobench.sphere import across, spread_directions, stepped
 from sonobench.types import Array, DirectionSpectrum, Floats, Ints
 
 Rule = Literal["error", "threshold", "gap", "given"]
@@ -160,15 +161,6 @@ def grid() -> tuple[Array, Array, Array, Ints]:
     return made
 
 
-def spread_directions(n: int) -> Array:
-    """n unit vectors (n, 3), evenly over the sphere (a Fibonacci lattice)."""
-    k = np.arange(n)
-    z = 1 - (2 * k + 1) / n
-    turn = np.pi * (1 + 5**0.5) * k
-    level = np.sqrt(1 - z * z)
-    return np.stack([level * np.cos(turn), level * np.sin(turn), z], axis=1)
-
-
 def steering(u: Floats, b: int) -> Array:
     """b(u) of length 1 (…, b) of unit vectors (…, 3): [1; u]/√2, or its distinct products."""
     u = np.asarray(u)
@@ -176,37 +168,15 @@ def steering(u: Floats, b: int) -> Array:
     return a if b == 4 else products(a)
 
 
-def tangent(u: Floats) -> Array:
-    """Orthonormal vectors (…, 3, 2) across unit vectors (…, 3), along azimuth and elevation."""
-    u = np.asarray(u)
-    x, y, z = u[..., 0], u[..., 1], u[..., 2]
-    level = np.sqrt(x * x + y * y)
-    pole = level < 1e-12
-    safe = np.where(pole, 1.0, level)
-    cos, sin = np.where(pole, 1.0, x / safe), y / safe
-    across = np.zeros((*u.shape, 2))
-    across[..., 0, 0], across[..., 1, 0] = -sin, cos
-    across[..., 0, 1], across[..., 1, 1], across[..., 2, 1] = -z * cos, -z * sin, level
-    return across
-
-
 def slopes(u: Floats, b: int) -> Array:
-    """Derivatives (…, b, 2) of `steering` along `tangent`."""
-    across = tangent(u) * 0.5**0.5
-    change = np.concatenate([np.zeros((*across.shape[:-2], 1, 2)), across], axis=-2)
+    """Derivatives (…, b, 2) of `steering` along `sphere.across`."""
+    plane = across(u) * 0.5**0.5
+    change = np.concatenate([np.zeros((*plane.shape[:-2], 1, 2)), plane], axis=-2)
     if b == 4:
         return change
     a = steering(u, 4)[..., None]
     i, j = PAIRS.T
     return np.asarray((change[..., i, :] * a[..., j, :] + a[..., i, :] * change[..., j, :]) * WEIGHTS[:, None])
-
-
-def moved(u: Floats, step: Floats) -> Array:
-    """Unit vectors (…, 3) after steps (…, 2) along `tangent`, of at most a quarter radian."""
-    size = np.linalg.norm(step, axis=-1, keepdims=True)
-    step = step * np.minimum(1.0, 0.25 / np.maximum(size, 1e-300))
-    there = u + (tangent(u) @ step[..., None])[..., 0]
-    return np.asarray(there / np.linalg.norm(there, axis=-1, keepdims=True))
 
 
 #: degrees of freedom of the variance that a source's miss is expected to have: heavier tails than a Gaussian's
@@ -241,7 +211,7 @@ def spectrum_power(m: int, b: int) -> float:
 
 
 class Peaks(NamedTuple):
-    """Directions u (k, 3) that fit a subspace, the best first; null (k,) the share of b(u) outside it; R (k, 2, 2) along `tangent`, rad²."""
+    """Directions u (k, 3) that fit a subspace, the best first; null (k,) the share of b(u) outside it; R (k, 2, 2) along `sphere.across`, rad²."""
 
     u: Array
     null: Array
@@ -263,7 +233,7 @@ def peaks(one: Subspace, most: int) -> Peaks:
         turned = slope.swapaxes(-1, -2) @ one.noise
         H, g = turned @ slope, (turned @ at_b[..., None])[..., 0]
         H = H + 1e-9 * np.eye(2)
-        there = moved(at, -np.linalg.solve(H, g[..., None])[..., 0])
+        there = stepped(at, -np.linalg.solve(H, g[..., None])[..., 0])
         value = _quadratic(steering(there, b), one.noise)
         at, best = np.where((value < best)[:, None], there, at), np.minimum(value, best)
     order = _apart(at, best, most)
@@ -286,8 +256,8 @@ def _quadratic(b: Array, matrix: Array) -> Array:
     return np.asarray(((b @ matrix) * b).sum(axis=-1))
 
 
-def in_angles(R: Floats, u: Floats) -> Array:
-    """Covariances (…, 2, 2) along `tangent` as ones of azimuth and elevation; straight up and down the azimuth's is large but finite."""
+def _in_angles(R: Floats, u: Floats) -> Array:
+    """Covariances (…, 2, 2) along `sphere.across` as ones of azimuth and elevation; straight up and down the azimuth's is large but finite."""
     u = np.asarray(u)
     scale = np.stack([1.0 / np.maximum(np.hypot(u[..., 0], u[..., 1]), 1e-3), np.ones(u.shape[:-1])], axis=-1)
     return np.asarray(R * scale[..., :, None] * scale[..., None, :])
@@ -304,12 +274,12 @@ def found_peaks(found: Moments, cumulants: bool, order: Order) -> Directions:
 
 
 def gathered(rows: Sequence[tuple[Array, Array, Array]], most: int) -> Directions:
-    """Directions of frames from u (k, 3), R (k, 2, 2) along `tangent` and score (k,) of each; rows that stand for nothing fill up to `most`."""
+    """Directions of frames from u (k, 3), R (k, 2, 2) along `sphere.across` and score (k,) of each; rows that stand for nothing fill up to `most`."""
     f = len(rows)
     u, valid = np.tile([1.0, 0.0, 0.0], (f, most, 1)), np.zeros((f, most), bool)
     R, score = np.tile(np.eye(2), (f, most, 1, 1)), np.zeros((f, most))
     for frame, (there, spread, value) in enumerate(rows):
         k = len(there)
         u[frame, :k], valid[frame, :k], score[frame, :k] = there, True, value
-        R[frame, :k] = in_angles(spread, there)
+        R[frame, :k] = _in_angles(spread, there)
     return Directions(u, valid, R, score)

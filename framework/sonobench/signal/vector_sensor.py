@@ -15,9 +15,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sonobench.errors import InputError
-from sonobench.filtering.sphere import apart, in_angles, tangents
 from sonobench.geometry import angles
 from sonobench.protocols import Directions
+from sonobench.sphere import apart, in_angles, tangents
 from sonobench.types import Array, Bools, Floats
 
 Noise = Literal["moment", "eigen", "diagonal"]

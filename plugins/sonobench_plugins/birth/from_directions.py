@@ -15,10 +15,10 @@ from sonobench.errors import SetupError
 from sonobench.filtering.evidence import rows_of, searched
 from sonobench.filtering.kinematics import position_columns, variances
 from sonobench.filtering.mixture import empty
-from sonobench.filtering.sphere import in_arc, tangents
 from sonobench.filtering.steps import pose_of
 from sonobench.geometry import place, unit_vector
 from sonobench.protocols import BoundMeasurement, Mixture, State
+from sonobench.sphere import in_arc, tangents
 from sonobench.types import Array, Scan, Setup, Space
 
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from sonobench.errors import InputError, SetupError
 from sonobench.filtering.mixture import empty, take
-from sonobench.filtering.sphere import apart, in_angles
 from sonobench.protocols import BoundMeasurement, Mixture, State
 from sonobench.signal.sphere_peaks import FieldPeaks, field_peaks
+from sonobench.sphere import apart, in_angles
 from sonobench.types import Array, Scan, Setup, Space
 
 _ANGLES = ("azimuth_rad", "elevation_rad")

@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 
-from sonobench.filtering.sphere import in_angles
 from sonobench.geometry import angles
 from sonobench.protocols import Directions
 from sonobench.signal.vector_sensor import (
@@ -29,6 +28,7 @@ from sonobench.signal.vector_sensor import (
     spread,
     symmetric,
 )
+from sonobench.sphere import in_angles
 from sonobench.types import Array, Bools, Floats
 
 

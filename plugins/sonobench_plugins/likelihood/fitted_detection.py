@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sonobench.filtering.sphere import apart
 from sonobench.protocols import BoundLikelihood, Likelihood
 from sonobench.signal.sphere_peaks import field_peaks
+from sonobench.sphere import apart
 from sonobench.types import Array, DirectionSpectrum, Floats, Scan, Setup, Space
 from sonobench_plugins.likelihood.direction_spectrum import SpectrumLikelihood
 

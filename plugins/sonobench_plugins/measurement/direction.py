@@ -4,7 +4,7 @@ States with x_m, y_m (and z_m) are seen from the sensor's place; states with azi
 in the room's axes, and are turned into the array's. A state whose elevation has grown beyond ±90° has walked over the pole.
 
 Angles are what sensors measure and rows hold, but nothing is computed with differences of angles: the residual is the step on the
-sphere from ẑ to z, east and north in rad of arc (`sonobench.filtering.sphere`), and the Jacobian, the model's R and the clutter
+sphere from ẑ to z, east and north in rad of arc (`sonobench.sphere`), and the Jacobian, the model's R and the clutter
 intensity (per steradian) are in the same axes. So azimuth wraps, its variance grows by 1 / cos² of the elevation, a sigma point on
 the other side of a pole is near its neighbours, and near the horizon all is as in angles. What rows state for their own (azimuth,
 elevation) is carried into these axes.
@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonobench.errors import InputError, SetupError
-from sonobench.filtering.sphere import apart, carried, moved, tangents
 from sonobench.geometry import angles, lift, place, unit_vector
+from sonobench.sphere import apart, carried, moved, tangents
 from sonobench.types import Array, Bools, Floats, Scan, Sensor, Setup, Space
 
 _ANGLES = ("azimuth_rad", "elevation_rad")

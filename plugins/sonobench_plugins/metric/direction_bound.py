@@ -19,9 +19,9 @@ import numpy as np
 from sonobench.directions import axes, looks, origin
 from sonobench.errors import SetupError
 from sonobench.filtering.bounds import Signal, Unknown, direction_information
-from sonobench.filtering.sphere import tangents
 from sonobench.geometry import angles
 from sonobench.protocols import Series
+from sonobench.sphere import tangents
 from sonobench.types import Array, Estimate, Space, Truth
 from sonobench_plugins.metric.direction_error import DirectionError
 

@@ -19,9 +19,9 @@ from sonobench.directions import origin
 from sonobench.errors import InputError, SetupError
 from sonobench.filtering.bounds import posterior_covariances
 from sonobench.filtering.kinematics import variances
-from sonobench.filtering.sphere import tangents
 from sonobench.geometry import angles
 from sonobench.protocols import Motion, Series
+from sonobench.sphere import tangents
 from sonobench.types import Array, Estimate, Space, Truth
 from sonobench_plugins.metric.direction_bound import DirectionBound, compared
 from sonobench_plugins.motion.constant_velocity import ConstantVelocity

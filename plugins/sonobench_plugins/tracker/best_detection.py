@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonobench.filtering.evidence import rows_of, searched
-from sonobench.filtering.sphere import rotated
 from sonobench.filtering.steps import pose_of
 from sonobench.protocols import State
+from sonobench.sphere import rotated
 from sonobench.types import Array, Estimate, Scan, Setup, Space
 
 

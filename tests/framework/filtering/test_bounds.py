@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sonobench.filtering.bounds import best_fitting, direction_information, least_msae, posterior_covariances
-from sonobench.filtering.sphere import moved, tangents
 from sonobench.geometry import unit_vector
+from sonobench.sphere import moved, tangents
 from sonobench.types import Array
 
 _Z = np.array([0.5, 0.4])

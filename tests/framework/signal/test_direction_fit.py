@@ -9,7 +9,7 @@ from vector_sources import errors, heard, spread
 from sonobench.geometry import angles
 from sonobench.signal.cumulants import Moments, moments, quartics
 from sonobench.signal.direction_fit import explained, fit_directions, fitted_spectrum, moments_of, pursued, random_starts
-from sonobench.signal.subspace import moved, tangent
+from sonobench.sphere import across, stepped
 
 
 def _exact(u: np.ndarray) -> tuple[Moments, np.ndarray, np.ndarray]:
@@ -32,7 +32,7 @@ def test_moments_of_sources_are_sums_of_products():
 def test_exact_moments_give_exact_directions_powers_and_cumulants(m):
     u = spread(np.random.default_rng(m), m, 35)
     found, kappa, power = _exact(u)
-    near = moved(u, 0.1 * np.random.default_rng(9).normal(size=(m, 2)))
+    near = stepped(u, 0.1 * np.random.default_rng(9).normal(size=(m, 2)))
     fit = fit_directions(found, 0, "diagonal", near[None])
     assert errors(u, fit.u).max() < 1e-3
     np.testing.assert_allclose(fit.cumulant, kappa, rtol=1e-4)
@@ -55,7 +55,7 @@ def test_the_covariance_is_that_of_the_error():
         u = spread(rng, 2, 40)
         found = moments(heard(rng, u, 4000)[None], error=True)
         fit = fit_directions(found, 0, "diagonal", u[None])
-        off = np.einsum("mi,mij->mj", u - fit.u, tangent(fit.u))
+        off = np.einsum("mi,mij->mj", u - fit.u, across(fit.u))
         square += list(np.einsum("mi,mij,mj->m", off, np.linalg.inv(fit.R), off))
     assert 1.2 < np.mean(square) < 3.2  # chi-square of two degrees: 2 ± .3
 
@@ -80,7 +80,7 @@ def test_a_fitted_spectrum_peaks_where_the_fit_is():
     fit = fit_directions(found, 0, "diagonal", u[None])
     field = fitted_spectrum(fit, np.radians(1.0))
     at = field.at(angles(fit.u)[:, None], np.array([0]))[:, 0]
-    beside = field.at(angles(moved(fit.u, np.full((4, 2), 0.1)))[:, None], np.array([0]))[:, 0]
+    beside = field.at(angles(stepped(fit.u, np.full((4, 2), 0.1)))[:, None], np.array([0]))[:, 0]
     np.testing.assert_allclose(at, field.height[0], rtol=1e-6)
     assert (beside < 0.3 * at).all()
 

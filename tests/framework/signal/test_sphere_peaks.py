@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sonobench.filtering.sphere import apart
 from sonobench.signal.sphere_peaks import field_peaks
+from sonobench.sphere import apart
 
 
 class Humps:

@@ -11,7 +11,8 @@ from vector_sources import errors, heard, spread
 from sonobench.geometry import angles
 from sonobench.signal.cumulants import Moments, moments
 from sonobench.signal.direction_fit import moments_of
-from sonobench.signal.subspace import Order, found_peaks, grid, moved, peaks, slopes, spectrum, steering, subspace, tangent
+from sonobench.signal.subspace import Order, found_peaks, grid, peaks, slopes, spectrum, steering, subspace
+from sonobench.sphere import across, stepped
 
 _WIDTH = np.radians(1.0)
 
@@ -60,13 +61,13 @@ def test_slopes_are_the_differences_of_steering(seed, b):
     for axis in range(2):
         one = np.zeros((1, 2))
         one[0, axis] = step
-        difference = (steering(moved(u, one), b) - steering(moved(u, -one), b)) / (2 * step)
+        difference = (steering(stepped(u, one), b) - steering(stepped(u, -one), b)) / (2 * step)
         np.testing.assert_allclose(slopes(u, b)[..., axis], difference, atol=1e-8)
 
 
 def test_tangents_are_orthonormal_also_at_the_poles():
     u = np.array([[0.0, 0, 1], [0, 0, -1], [0.6, 0, 0.8]])
-    full = np.concatenate([u[:, :, None], tangent(u)], axis=-1)
+    full = np.concatenate([u[:, :, None], across(u)], axis=-1)
     np.testing.assert_allclose(full.swapaxes(1, 2) @ full, np.tile(np.eye(3), (3, 1, 1)), atol=1e-14)
 
 

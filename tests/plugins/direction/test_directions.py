@@ -13,9 +13,9 @@ import pytest
 from vector_snapshots import NOISE, SOURCE, UNEQUAL, Z, model, sample_covariances, snapshots
 
 from sonobench.filtering.bounds import direction_information
-from sonobench.filtering.sphere import apart
 from sonobench.geometry import angles, unit_vector
 from sonobench.signal import vector_sensor as vs
+from sonobench.sphere import apart
 from sonobench.testing import check
 from sonobench_plugins.direction.capon import Capon
 from sonobench_plugins.direction.intensity import Intensity, flowing

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sonobench.errors import InputError, SetupError
-from sonobench.filtering.sphere import moved
 from sonobench.geometry import angles, unit_vector
+from sonobench.sphere import moved
 from sonobench.types import Array, Sensor, Setup, Space
 from sonobench_plugins.measurement.direction import BoundDirection, Direction
 from sonobench_plugins.transform.cubature import Cubature

@@ -11,9 +11,9 @@ import pytest
 
 from sonobench.errors import InputError, SetupError
 from sonobench.filtering.bounds import least_msae
-from sonobench.filtering.sphere import moved
 from sonobench.geometry import angles, unit_vector
 from sonobench.scoring import score
+from sonobench.sphere import moved
 from sonobench.types import Array, Estimate, Space, Truth
 from sonobench_plugins.metric.direction_bound import DirectionBound
 from sonobench_plugins.metric.direction_error import DirectionError

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sonobench.filtering.points import weighted_moments
-from sonobench.filtering.sphere import apart, carried, in_angles, in_arc, moved, rotated, tangents
 from sonobench.geometry import unit_vector
+from sonobench.sphere import apart, carried, in_angles, in_arc, moved, rotated, tangents
 from sonobench.types import Array
 
 _AZIMUTH = st.floats(-np.pi, np.pi)

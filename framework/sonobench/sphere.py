@@ -3,6 +3,7 @@
 A direction z is (azimuth, elevation) in rad. Azimuth is no measure of distance: near a pole a small step changes it by any
 amount, so differences of angles, their means and their variances fail there. Here they are taken in the plane that touches the
 sphere at one of two directions, with the axes east (growing azimuth) and north (growing elevation), both in rad of arc.
+`across` and `stepped` are the same of unit vectors, for fits that never leave them.
 Source: do Carmo 1992, "Riemannian geometry", chapter 3 (exponential map); Pennec 2006, "Intrinsic statistics on Riemannian
 manifolds"; Mardia & Jupp 2000, "Directional statistics", section 9.
 """
@@ -39,11 +40,11 @@ def apart(z: Floats, at: Floats) -> Array:
     east = ce * np.sin(turn)
     north = np.sin(z[..., 1] - at[..., 1]) + 2.0 * se0 * ce * half**2  # se ce0 − ce se0 cos(turn), without cancellation
     along = se * se0 + ce * ce0 * np.cos(turn)
-    across = np.hypot(east, north)
-    angle = np.arctan2(across, along)
-    scale = np.divide(angle, across, out=np.ones_like(angle), where=across > 0)
+    away = np.hypot(east, north)
+    angle = np.arctan2(away, along)
+    scale = np.divide(angle, away, out=np.ones_like(angle), where=away > 0)
     step = np.stack([east * scale, north * scale], axis=-1)
-    opposite = (across == 0) & (along < 0)
+    opposite = (away == 0) & (along < 0)
     step[opposite] = [np.pi, 0.0]
     return step
 
@@ -102,4 +103,47 @@ def rotated(z: Floats, R: Floats | None, rotation: Array) -> tuple[Array, Array 
     return there, in_angles(T @ in_arc(R, z) @ np.swapaxes(T, -1, -2), there)
 
 
-__all__ = ["apart", "carried", "in_angles", "in_arc", "moved", "rotated", "tangents", "transported"]
+def across(u: Floats) -> Array:
+    """Orthonormal columns (…, 3, 2) across unit vectors (…, 3): `tangents` of vectors; at a pole those of azimuth 0."""
+    u = np.asarray(u)
+    x, y, z = u[..., 0], u[..., 1], u[..., 2]
+    level = np.sqrt(x * x + y * y)
+    pole = level < 1e-12
+    safe = np.where(pole, 1.0, level)
+    cos, sin = np.where(pole, 1.0, x / safe), y / safe
+    out = np.zeros((*u.shape, 2))
+    out[..., 0, 0], out[..., 1, 0] = -sin, cos
+    out[..., 0, 1], out[..., 1, 1], out[..., 2, 1] = -z * cos, -z * sin, level
+    return out
+
+
+def stepped(u: Floats, step: Floats) -> Array:
+    """Unit vectors (…, 3) after steps (…, 2) along `across`, of at most a quarter radian."""
+    size = np.linalg.norm(step, axis=-1, keepdims=True)
+    step = step * np.minimum(1.0, 0.25 / np.maximum(size, 1e-300))
+    there = u + (across(u) @ step[..., None])[..., 0]
+    return np.asarray(there / np.linalg.norm(there, axis=-1, keepdims=True))
+
+
+def spread_directions(n: int) -> Array:
+    """n unit vectors (n, 3), evenly over the sphere (a Fibonacci lattice)."""
+    k = np.arange(n)
+    z = 1 - (2 * k + 1) / n
+    turn = np.pi * (1 + 5**0.5) * k
+    level = np.sqrt(1 - z * z)
+    return np.stack([level * np.cos(turn), level * np.sin(turn), z], axis=1)
+
+
+__all__ = [
+    "across",
+    "apart",
+    "carried",
+    "in_angles",
+    "in_arc",
+    "moved",
+    "rotated",
+    "spread_directions",
+    "stepped",
+    "tangents",
+    "transported",
+]
