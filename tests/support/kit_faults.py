@@ -544,6 +544,16 @@ class Nervous(good.GoodMotion):
         return x @ self.F(dt_s).T + 1.5 * np.sqrt(self.rate * dt_s) * rng.standard_normal(x.shape), mode
 
 
+@fault("motion.adapts", "after updates the particles' covariance differs")
+class Heedless(good.GoodMotion):
+    def moments(self, x: Any, P: Any, mode: Any, dt_s: float, memory: Any = None) -> Any:
+        m, spread = super().moments(x, P, mode, dt_s)
+        return m, spread + (memory or 0.0) * dt_s * np.eye(4)
+
+    def adapt(self, memory: Any, prior: Any, posterior: Any, dt_s: float) -> Any:
+        return (memory or 0.0) + float(np.sum((posterior - prior) ** 2)) / dt_s
+
+
 @fault("motion.branches", "probabilities sum to")
 class Doubled(good.GoodMotion):
     n_modes = 2

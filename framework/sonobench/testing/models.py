@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sonobench.errors import SetupError
+from sonobench.filtering.steps import adapts
 from sonobench.testing import fixtures
 from sonobench.testing.kit import Case, Skip, claim, need, unmet, untouched
 from sonobench.testing.trackers import refused
@@ -24,9 +25,9 @@ def motion_runs(case: Case) -> None:
     need(isinstance(motion.space, Space), f"space is {type(motion.space).__name__}; a Space is needed")
     need(isinstance(motion.n_modes, int) and motion.n_modes >= 1, f"n_modes is {motion.n_modes!r}; an integer of at least 1 is needed")
     x, P, mode = fixtures.gaussians(motion.space)
-    motion.moments(x, P, mode, 0.1)
-    x1, _ = motion.sample(np.random.default_rng(0), x, mode, 0.1)
-    motion.log_density(np.asarray(x1), x, mode, 0.1)
+    motion.moments(x, P, mode, 0.1, memory=None)
+    x1, _ = motion.sample(np.random.default_rng(0), x, mode, 0.1, memory=None)
+    motion.log_density(np.asarray(x1), x, mode, 0.1, memory=None)
 
 
 @claim("motion.mutation", _MOTION, ["motion.runs"])
@@ -96,23 +97,54 @@ def motion_still(case: Case) -> None:
 @claim("motion.samples", _MOTION, ["motion.shapes", "motion.seed", "motion.still"])
 def motion_samples(case: Case) -> None:
     """Drawn particles have the predicted mean and covariance."""
-    motion, rng, n = case.component, np.random.default_rng(6), 40000
+    for dt_s in (0.1, 0.7):
+        _draws_as_predicted(case.component, dt_s, None)
+
+
+def _draws_as_predicted(motion: Any, dt_s: float, memory: Any, so: str = "") -> None:
+    rng, n = np.random.default_rng(6), 40000
     x, P, mode = (a[:1] for a in fixtures.gaussians(motion.space))
     before = x + rng.standard_normal((n, x.shape[1])) @ np.linalg.cholesky(P[0]).T
-    for dt_s in (0.1, 0.7):
-        m1, P1 = (np.asarray(a)[0] for a in motion.moments(x, P, mode, dt_s))
-        after = np.asarray(motion.sample(rng, before, np.zeros(n, np.int64), dt_s)[0])
-        deviation = np.sqrt(np.diag(P1)) + 1e-12
-        off = np.abs(after.mean(axis=0) - m1) / (deviation / np.sqrt(n))
+    m1, P1 = (np.asarray(a)[0] for a in motion.moments(x, P, mode, dt_s, memory))
+    after = np.asarray(motion.sample(rng, before, np.zeros(n, np.int64), dt_s, memory)[0])
+    deviation = np.sqrt(np.diag(P1)) + 1e-12
+    off = np.abs(after.mean(axis=0) - m1) / (deviation / np.sqrt(n))
+    name = motion.space.names[int(off.argmax())]
+    need(
+        off.max() < 6,
+        f"over {dt_s} s{so} the particles' mean of {name} is {off.max():.0f} standard errors off the predicted mean",
+    )
+    spread = np.abs(np.cov(after.T).reshape(P1.shape) - P1) / np.outer(deviation, deviation)
+    need(
+        spread.max() < 0.06,
+        f"over {dt_s} s{so} the particles' covariance differs from the predicted one by {spread.max():.2f} of its scale",
+    )
+
+
+@claim("motion.adapts", _MOTION, ["motion.samples"])
+def motion_adapts(case: Case) -> None:
+    """A model that learns from updates keeps what it learns in the memory alone, and draws with it what it predicts with it."""
+    motion = case.component
+    if not adapts(motion):
+        return
+    x, P, mode = fixtures.gaussians(motion.space)
+    fresh = [np.asarray(a) for a in motion.moments(x, P, mode, 0.1)]
+    rng, memory = np.random.default_rng(4), None
+    for _ in range(10):
+        prior = np.asarray(motion.moments(x[:1], P[:1], mode[:1], 0.1, memory)[0])[0]
+        posterior = prior + 2.0 * np.sqrt(np.diag(P[0])) * rng.standard_normal(len(prior))
+        learnt = motion.adapt(memory, prior, posterior, 0.1)
+        one = motion.moments(x, P, mode, 0.1, learnt)
+        untouched(lambda *a, kept=memory: motion.adapt(kept, *a, 0.1), prior, posterior)
+        again = motion.moments(x, P, mode, 0.1, motion.adapt(memory, prior, posterior, 0.1))
         need(
-            off.max() < 6,
-            f"over {dt_s} s the particles' mean of {motion.space.names[int(off.argmax())]} is {off.max():.0f} standard errors off the predicted mean",
+            all(map(np.array_equal, one, again)),
+            "two updates from one memory give different ones; build a new memory, do not write into the old one",
         )
-        spread = np.abs(np.cov(after.T).reshape(P1.shape) - P1) / np.outer(deviation, deviation)
-        need(
-            spread.max() < 0.06,
-            f"over {dt_s} s the particles' covariance differs from the predicted one by {spread.max():.2f} of its scale",
-        )
+        memory = learnt
+    now = motion.moments(x, P, mode, 0.1)
+    need(all(map(np.array_equal, fresh, now)), "what it learnt stays without the memory; keep all of it in the memory")
+    _draws_as_predicted(motion, 0.1, memory, " after updates")
 
 
 @claim("motion.density", _MOTION, ["motion.shapes", "motion.seed"])

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from kit_faults import FAULTS, GOOD
-from kit_good import GoodTracker
+from kit_good import GoodMotion, GoodTracker
 
 from sonobench.errors import SetupError
 from sonobench.registry import Entry, Plugin, Registry
 from sonobench.testing import CHECKS, check, check_file
+from sonobench.testing.kit import Broken, Case
+from sonobench.testing.models import motion_adapts
 
 
 @pytest.fixture(scope="module")
@@ -202,3 +205,30 @@ class Bindable:
 def test_a_likelihood_that_binds_to_anything_is_told_what_bind_must_do(bound: Any, words: str, registry: Registry) -> None:
     failed = {f.check: f.sentence for f in check(Bindable(bound), "likelihood", registry) if f.result == "failed"}
     assert words in failed["likelihood.runs"]
+
+
+class Learner(GoodMotion):
+    """Keeps what it learns to itself, or writes it into the memory that it is given."""
+
+    level = 0.0
+
+    def __init__(self, own: bool) -> None:
+        object.__setattr__(self, "own", own)
+
+    def adapt(self, memory: Any, prior: Any, posterior: Any, dt_s: float) -> Any:
+        if self.own:
+            object.__setattr__(self, "level", 1.0)
+            return np.zeros(1)
+        memory = np.zeros(1) if memory is None else memory
+        memory += 1.0
+        return memory
+
+    def moments(self, x: Any, P: Any, mode: Any, dt_s: float, memory: Any = None) -> Any:
+        m, spread = super().moments(x, P, mode, dt_s)
+        return m, spread + (self.level + (0.0 if memory is None else float(memory[0]))) * dt_s * np.eye(4)
+
+
+@pytest.mark.parametrize(("own", "words"), [(True, "stays without the memory"), (False, "do not write into the old one")])
+def test_a_motion_that_learns_elsewhere_than_in_a_new_memory_is_found(own: bool, words: str) -> None:
+    with pytest.raises(Broken, match=words):
+        motion_adapts(Case(Learner(own), "motion", Registry()))

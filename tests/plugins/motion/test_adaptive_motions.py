@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sonobench.protocols import Motion
+from sonobench.testing import check
 from sonobench.types import Array
 from sonobench_plugins.motion.adaptive_constant_velocity import AdaptiveConstantVelocity
 from sonobench_plugins.motion.adaptive_langevin import AdaptiveLangevin
@@ -122,3 +123,7 @@ def test_no_time_teaches_the_noise_nothing() -> None:
 def test_bad_parameters_are_refused_with_what_was_needed(make: Callable[[], object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         make()
+
+
+def test_a_walk_that_adapts_is_one_the_kit_accepts() -> None:
+    assert [f for f in check(RandomWalk(adaptive=True), "motion") if not f.ok] == []
