@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonobench.filtering.gaussian import symmetric
+from sonobench.filtering.steps import adapts
 from sonobench.protocols import Motion, State
 from sonobench.types import Array, Ints, Space
 from sonobench_plugins.motion.constant_velocity import ConstantVelocity
@@ -43,6 +44,11 @@ class Imm:
         nested = [type(m).__name__ for m in self.models if m.n_modes != 1]
         if nested:
             raise ValueError(f"the models of an imm have one mode each; {nested} have more: list their models instead")
+        learning = [type(m).__name__ for m in self.models if adapts(m)]
+        if learning:
+            raise ValueError(
+                f"the models of an imm would never learn from updates, for which {learning} are made: list models that do not adapt"
+            )
         if not self.stay_s > 0:
             raise ValueError(f"stay_s is {self.stay_s}; above 0 is needed (inf: nobody switches)")
         if self.rates_hz is not None:

@@ -14,6 +14,7 @@ from sonobench_plugins.motion.bearing_turn import BearingTurn
 from sonobench_plugins.motion.bearing_velocity import BearingVelocity
 from sonobench_plugins.motion.constant_velocity import ConstantVelocity
 from sonobench_plugins.motion.imm import Imm
+from sonobench_plugins.motion.random_walk import RandomWalk
 from sonobench_plugins.tracker.gm_phd import GaussianMixturePhd
 from sonobench_plugins.tracker.lmb import LabelledMultiBernoulli
 
@@ -72,6 +73,8 @@ def test_models_must_share_a_space_and_have_one_mode():
         Imm((BearingVelocity(), BearingAcceleration()))
     with pytest.raises(ValueError, match=r"one mode each; \['Imm'\]"):
         Imm((Imm(),))
+    with pytest.raises(ValueError, match=r"never learn from updates, for which \['RandomWalk'\]"):
+        Imm((RandomWalk(), RandomWalk(adaptive=True)))
     with pytest.raises(ValueError, match="2 rows of 2 rates"):
         Imm(rates_hz=((0.0, 1.0),))
 
